@@ -6,7 +6,9 @@ is unsafe. A warning: the flight may differ from what the pilot expects.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from missions import check_items, check_obstacles, check_space
 from missions.check_context import (
@@ -18,7 +20,7 @@ from missions.check_context import (
     unknown_parameters_text,
 )
 from missions.estimates import estimate
-from missions.plan import Plan
+from missions.plan import ItemGroup, Plan
 
 __all__ = ["CODES", "CheckLimits", "Finding", "check"]
 
@@ -44,7 +46,23 @@ def check(plan: Plan, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
             name = getattr(rule, "__name__", "rule").strip("_").replace("_", " ")
             message = f"The check of {name} could not be carried out: {error!r:.200}."
             findings.append(Finding("check_failed", message))
-    return tuple(findings)
+    return tuple(_once_per_group(plan, findings))
+
+
+def _once_per_group(plan: Plan, findings: list[Finding]) -> Iterator[Finding]:
+    """The findings; of those with one code about the items of one pattern only the first, with a number."""
+    groups = {row for row, item in enumerate(plan.items) if isinstance(item, ItemGroup)}
+    counts = Counter((each.code, each.row) for each in findings)
+    seen: set[tuple[str, int | None]] = set()
+    for finding in findings:
+        key, count = (finding.code, finding.row), counts[(finding.code, finding.row)]
+        if finding.row not in groups or count == 1:
+            yield finding
+        elif key not in seen:
+            is_error = any(each.is_error for each in findings if (each.code, each.row) == key)
+            message = f"{finding.message} ({count} times in this pattern)"
+            yield replace(finding, message=message, is_error=is_error)
+        seen.add(key)
 
 
 def _parameters(context: Context) -> Iterator[Finding]:

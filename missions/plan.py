@@ -6,6 +6,7 @@ files can be written back without loss.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
@@ -15,10 +16,11 @@ from missions import camera_items as c
 from missions import items as i
 from missions.bounded_json import decode, load
 from missions.errors import PlanError, from_validation
+from missions.pattern_settings import PatternDocument
 from missions.values import FenceZone, HomePosition, Model, Obstacles, RallyPoint
 
 MAX_ITEMS = 10_000
-"""Maximum number of items of a mission, including those inside complex items. PX4 has the same limit."""
+"""Maximum number of items of a mission, including those inside groups. PX4 has the same limit."""
 MAX_FENCE_ZONES = 500
 MAX_RALLY_POINTS = 500
 
@@ -44,23 +46,54 @@ SimpleItem = Annotated[
 """One mission item as it is uploaded."""
 
 
-class ComplexItem(Model):
-    """A pattern of another program (QGroundControl's survey, corridor, structure scan), kept unchanged.
+class ItemGroup(Model):
+    """A row of a plan that stands for several mission items."""
 
-    `items` are the mission items that the file contains for the pattern. Some files contain none, because
-    QGroundControl recalculates a structure scan when it opens the file. Such a plan can be stored and
-    displayed, but not flown.
+    items: Annotated[tuple[SimpleItem, ...], Field(max_length=MAX_ITEMS)] = ()
+    """The mission items, as they are flown."""
+
+
+class ComplexItem(ItemGroup):
+    """A pattern of another program that this program does not know, kept unchanged.
+
+    `items` are the mission items that the file contains for the pattern. Some files contain none. Such a plan
+    can be stored and displayed, but not flown.
     """
 
     kind: Literal["complex"] = "complex"
     complex_type: Annotated[str, Field(max_length=100)]
-    items: Annotated[tuple[SimpleItem, ...], Field(max_length=MAX_ITEMS)] = ()
     original: str
     """JSON text of the complex item in the file."""
 
 
-PlanItem = Annotated[SimpleItem | ComplexItem, Field(discriminator="kind")]
-"""One row of a plan: a simple item, or a complex item that contains several mission items."""
+class PatternItem(ItemGroup):
+    """A pattern with its geometry and values; its lines follow every change of them.
+
+    `items` follow from `pattern`, and `items_key` says from which values. `read` makes new items if the key
+    is not that of the pattern, so that nobody flies the lines of earlier values: a client changes `pattern`
+    and leaves the rest. The items of a file of another program are kept until something is changed.
+    """
+
+    kind: Literal["pattern"] = "pattern"
+    pattern: PatternDocument
+    items_key: Annotated[str, Field(max_length=64)] = ""
+    """`pattern_key` of the pattern that the items were made from."""
+    original: str | None = None
+    """JSON text of the complex item in the .plan file that the pattern was read from."""
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the items belong to the pattern."""
+        return bool(self.items) and self.items_key == pattern_key(self.pattern)
+
+
+def pattern_key(pattern: PatternDocument) -> str:
+    """A key of the values of a pattern: equal for equal values."""
+    return hashlib.sha256(pattern.model_dump_json(exclude_defaults=True).encode()).hexdigest()[:16]
+
+
+PlanItem = Annotated[SimpleItem | ComplexItem | PatternItem, Field(discriminator="kind")]
+"""One row of a plan: a simple item, or a group of several mission items."""
 
 Speed = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
 
@@ -85,10 +118,9 @@ class Plan(Model):
     """JSON text of the .plan file that the plan was read from, without the data of the fields above."""
 
     def simple_items(self) -> Iterator[tuple[int, SimpleItem]]:
-        """The items in upload order, each with its row in `items`; a complex item yields its mission
-        items."""
+        """The items in upload order, each with its row in `items`; a group yields its mission items."""
         for row, item in enumerate(self.items):
-            if isinstance(item, ComplexItem):
+            if isinstance(item, ItemGroup):
                 for inner in item.items:
                     yield row, inner
             else:
@@ -96,10 +128,11 @@ class Plan(Model):
 
 
 def read(data: str | bytes) -> Plan:
-    """Reads a plan from this project's JSON.
+    """Reads a plan from this project's JSON, and makes the items of patterns that have been changed.
 
     Raises:
-        PlanError: The text is too large, not JSON, or not a plan; the error names the field and the fix.
+        PlanError: The text is too large, not JSON, or not a plan, or a pattern has no path; the error names
+            the field and the fix.
     """
     text = decode(data)
     load(text)
@@ -107,6 +140,10 @@ def read(data: str | bytes) -> Plan:
         plan = Plan.model_validate_json(text)
     except ValidationError as error:
         raise from_validation(error) from None
+    if any(isinstance(item, PatternItem) and not item.is_current for item in plan.items):
+        from missions.patterns.current import with_current_patterns  # shapely, 0.2 s to import
+
+        plan = with_current_patterns(plan)
     return check_item_count(plan)
 
 
@@ -116,7 +153,7 @@ def check_item_count(plan: Plan) -> Plan:
     Raises:
         PlanError: The plan has too many items.
     """
-    count = sum(len(item.items) if isinstance(item, ComplexItem) else 1 for item in plan.items)
+    count = sum(len(item.items) if isinstance(item, ItemGroup) else 1 for item in plan.items)
     if count > MAX_ITEMS:
         reason = f"{count} items, the maximum is {MAX_ITEMS}"
         raise PlanError("the plan", reason, "Split the plan into smaller ones.")
@@ -133,10 +170,16 @@ def without_originals(plan: Plan) -> Plan:
     return plan.model_copy(
         update={
             "original": None,
-            "items": tuple(
-                item if isinstance(item, ComplexItem) else item.model_copy(update={"original": None})
-                for item in plan.items
-            ),
+            "items": tuple(_without_original(item) for item in plan.items),
             "fence": tuple(zone.model_copy(update={"original": None}) for zone in plan.fence),
         }
     )
+
+
+def _without_original(item: PlanItem) -> PlanItem:
+    if isinstance(item, ComplexItem):
+        return item
+    if isinstance(item, PatternItem):
+        items = tuple(each.model_copy(update={"original": None}) for each in item.items)
+        return item.model_copy(update={"original": None, "items": items})
+    return item.model_copy(update={"original": None})

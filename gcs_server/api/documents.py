@@ -26,7 +26,7 @@ from gcs_server.plans.work import UnreadDocument
 from missions import documents
 from missions.documents import Document, PlanKind
 from missions.offboard.document import OffboardMission
-from missions.patterns.document import PatternDocument
+from missions.pattern_settings import PatternDocument
 from missions.plan import Plan
 
 FIELDS = frozenset({"plan", "mission"})

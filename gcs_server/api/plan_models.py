@@ -342,8 +342,8 @@ class PatternPlan(ResponseBody):
     """A document that contains only a pattern; nothing is saved."""
 
     plan: AnyDocument
-    """A waypoint plan with the items of the pattern, or an offboard mission with its steps. The steps begin
-    in the air: insert them after a take-off."""
+    """A waypoint plan with the pattern as its only item, or an offboard mission with its steps. The steps
+    begin in the air: insert them after a take-off."""
     lines: list[tuple[Point, Point]]
     """The lines on which photos are taken."""
     path: list[PatternPosition]

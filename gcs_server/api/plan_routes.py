@@ -276,8 +276,8 @@ async def make_pattern(
         ),
     ] = None,
 ) -> Response:
-    """Generates items or steps from an area, a line or a point: survey, corridor, perimeter, orbit or
-    structure scan. Saves nothing."""
+    """Generates a pattern of a plan, or steps of a mission, from an area, a line or a point: survey,
+    corridor, perimeter, orbit or structure scan. Saves nothing."""
     context = plan_context_of(station.flights, None if vehicle is None else station.fleet.get(vehicle))
     arguments = {
         "pattern": pattern.text,

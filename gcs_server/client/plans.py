@@ -203,7 +203,8 @@ class Plans:
         """Generates a survey, corridor, perimeter, orbit or structure scan: `plan`, `lines`, `path`,
         `figures`, `notes`. Saves nothing.
 
-        `plan` is a waypoint plan with the items, or with `document="offboard_mission"` a mission with the
+        `plan` is a waypoint plan with the pattern as its only item: change the values of its `pattern`, and
+        its `items` follow when the plan is read. With `document="offboard_mission"` it is a mission with the
         steps; the steps begin in the air, so insert them after a take-off. With `vehicle_id`, the vehicle's
         parameters are used. With `tolerance_m`, altitudes above the ground are converted, as in
         `follow_ground`.

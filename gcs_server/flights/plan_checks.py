@@ -21,8 +21,8 @@ from missions import documents
 from missions.errors import PlanError
 from missions.geodesy import distance_m
 from missions.offboard.state import OperatorArea
+from missions.pattern_settings import CorridorPattern, OrbitPattern, PerimeterPattern, StructurePattern
 from missions.patterns import document as pattern_document
-from missions.patterns.document import CorridorPattern, OrbitPattern, PerimeterPattern, StructurePattern
 from missions.trajectory.limits import PARAMETERS as MOTION_PARAMETERS
 from missions.values import HomePosition
 from missions.vehicle import PARAMETERS
@@ -153,7 +153,7 @@ def is_small_pattern(text: bytes) -> bool:
         return True
     if isinstance(pattern, StructurePattern):
         return len(pattern.outline) <= SMALL_CORNERS
-    spacing_m = pattern.coverage.to_coverage().spacing_m
+    spacing_m = pattern_document.coverage_of(pattern.coverage).spacing_m
     if isinstance(pattern, CorridorPattern):
         return len(pattern.points) <= SMALL_CORNERS and pattern.width_m <= SMALL_LINES * spacing_m
     corners = [*pattern.outer, *(corner for hole in pattern.holes for corner in hole)]

@@ -16,6 +16,7 @@ from missions.items import PlacedItem
 from missions.offboard.document import OffboardMission
 from missions.offboard.from_pattern import steps_from_pattern
 from missions.patterns import document
+from missions.patterns.current import pattern_item
 from missions.plan import Plan
 from missions.route import is_flown_to
 from missions.vehicle import VehicleModel
@@ -29,7 +30,8 @@ def generate(arguments: Mapping[str, Any]) -> Values:
     ground are not resolved. `elevation`: paths of elevation files, needed with `tolerance_m`."""
     pattern = document.read(arguments["pattern"])
     items_and_figures = document.make(pattern)
-    plan, notes = _with_resolved_altitudes(Plan(items=items_and_figures.items), arguments)
+    row = pattern_item(pattern, items_and_figures.items)
+    plan, notes = _with_resolved_altitudes(Plan(items=(row,)), arguments)
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
     flight = estimate(plan, vehicle)
     figures = {

@@ -130,8 +130,8 @@ class UnreadDocument:
 
     @property
     def small(self) -> bool:
-        """Whether the document is read in milliseconds."""
-        return len(self.text) <= SMALL_BYTES
+        """Whether the document is read in milliseconds. The items of a pattern may have to be made."""
+        return len(self.text) <= SMALL_BYTES and b'"pattern"' not in self.text
 
     async def read(self, work: PlanWork, name: str | None = None, *, field: str = "plan") -> ReadDocument:
         """Reads the document.

@@ -22,7 +22,7 @@ from missions.items import (
     RoiNone,
     Takeoff,
 )
-from missions.plan import ComplexItem, Plan, PlanItem, SimpleItem
+from missions.plan import ItemGroup, Plan, PlanItem, SimpleItem
 from missions.route import is_flown_to
 from missions.values import Altitude
 
@@ -52,7 +52,7 @@ def resolve_here(plan: Plan, home: tuple[float, float] | None = None) -> tuple[P
     resolver = _Resolver(home)
     items: list[PlanItem] = []
     for row, item in enumerate(plan.items, start=1):
-        if isinstance(item, ComplexItem):
+        if isinstance(item, ItemGroup):
             inner = tuple(resolver.resolve(each, row) for each in item.items)
             items.append(item.model_copy(update={"items": inner}))
         else:

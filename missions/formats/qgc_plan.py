@@ -15,13 +15,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from missions import bounded_json
 from missions.errors import PlanError, from_validation
-from missions.formats import qgc_item
+from missions.formats import qgc_item, qgc_pattern
 from missions.formats.here import is_here, resolve_here
 from missions.formats.qgc_fence import read_fence, read_rally, write_fence, write_rally
 from missions.formats.qgc_item import optional_list, require_list, require_number, require_object
 from missions.formats.results import Imported, Written
 from missions.items import CommandItem, Jump
-from missions.plan import ComplexItem, Plan, PlanItem, SimpleItem, check_item_count
+from missions.plan import ComplexItem, ItemGroup, PatternItem, Plan, PlanItem, SimpleItem, check_item_count
 from missions.values import HomePosition, Obstacle, Obstacles
 
 _VERSIONS: Final = {"mission": 2, "geoFence": 2, "rallyPoints": 2}
@@ -84,7 +84,7 @@ def write(plan: Plan) -> Written:
     """
     document = _original_document(plan.original) if plan.original else _empty_document()
     mission = document["mission"]
-    mission["items"] = _write_items(plan)
+    mission["items"], pattern_notes = _write_items(plan)
     if plan.planned_home != _home(mission):
         mission["plannedHomePosition"] = None
         if plan.planned_home is not None:
@@ -103,8 +103,9 @@ def write(plan: Plan) -> Written:
     # a lone surrogate cannot be encoded in UTF-8, so the text is written in ASCII
     if any("\ud800" <= letter <= "\udfff" for letter in text):
         text = json.dumps(document, allow_nan=False, indent=4) + "\n"
-    notes = () if plan.planned_home else ("QGroundControl opens only plans with a home position.",)
-    return Written(text.encode(), notes)
+    if not plan.planned_home:
+        pattern_notes.append("QGroundControl opens only plans with a home position.")
+    return Written(text.encode(), tuple(pattern_notes))
 
 
 # --- document -----------------------------------------------------------------------------------------
@@ -219,20 +220,22 @@ def _read_items(raws: list[Any]) -> tuple[tuple[PlanItem, ...], tuple[str, ...]]
             items.append(qgc_item.read_simple(part, f"item {n}"))
             ids.append(qgc_item.jump_id(part, len(ids)))
             continue
-        item, inner = _read_complex(part, n)
+        item, inner, note = _read_complex(part, n)
         items.append(item)
         ids += [qgc_item.jump_id(raw, len(ids) + k) for k, raw in enumerate(inner)]
-        if not inner:
-            name = f"Item {n} ({item.complex_type})"
-            notes.append(f"{name} contains no mission items: it is kept, but cannot be flown.")
+        # no jump of the file names an item that was made here
+        ids += [-len(ids) - k for k in range(1, len(item.items) - len(inner) + 1)]
+        notes += [] if note is None else [note]
     # of several items with the same doJumpId, the first counts
     index_of = {each_id: index for index, each_id in reversed(list(enumerate(ids)))}
     return tuple(_with_targets(item, index_of) for item in items), tuple(notes)
 
 
-def _read_complex(part: dict[str, Any], n: int) -> tuple[ComplexItem, list[dict[str, Any]]]:
-    """A pattern, and the JSON objects of its mission items in the file."""
-    name = part.get("complexItemType", part.get("type"))
+def _read_complex(
+    part: dict[str, Any], n: int
+) -> tuple[ComplexItem | PatternItem, list[dict[str, Any]], str | None]:
+    """A pattern, the JSON objects of its mission items in the file, and a note for the pilot."""
+    name = str(part.get("complexItemType", part.get("type")))[:100]
     inner: list[dict[str, Any]] = []
     transects = part.get("TransectStyleComplexItem")
     if isinstance(transects, dict) and "Items" in transects:
@@ -243,8 +246,20 @@ def _read_complex(part: dict[str, Any], n: int) -> tuple[ComplexItem, list[dict[
         ]
     items = tuple(qgc_item.read_simple(each, f"item {n}, part {k}") for k, each in enumerate(inner, start=1))
     original = bounded_json.dump(_without_items(part))
+    note: str | None = None
     try:
-        return ComplexItem(complex_type=str(name)[:100], items=items, original=original), inner
+        pattern, reason = qgc_pattern.read(part, f"item {n}")
+        if pattern is not None:
+            try:
+                return qgc_pattern.item_of(pattern, items, original), inner, None
+            except PlanError as error:
+                reason = f"{error.place}: {error.reason}"
+        if not items:
+            note = f"Item {n} ({name}) contains no mission items: it is kept, but cannot be flown"
+        elif reason is not None:
+            note = f"Item {n} ({name}) is kept as it is, and flown with the items in the file"
+        note = None if note is None else f"{note} ({reason})." if reason else f"{note}."
+        return ComplexItem(complex_type=name, items=items, original=original), inner, note
     except ValidationError as error:
         raise from_validation(error, ("items", n - 1)) from None
 
@@ -258,7 +273,7 @@ def _without_items(part: dict[str, Any]) -> dict[str, Any]:
 
 def _with_targets(item: PlanItem, index_of: dict[int, int]) -> PlanItem:
     """Converts the target of a jump from the file's doJumpId to the index in the plan."""
-    if isinstance(item, ComplexItem):
+    if isinstance(item, ItemGroup):
         return item.model_copy(update={"items": tuple(_with_targets(each, index_of) for each in item.items)})
     if not isinstance(item, Jump):
         return item
@@ -271,25 +286,30 @@ def _with_targets(item: PlanItem, index_of: dict[int, int]) -> PlanItem:
     )
 
 
-def _write_items(plan: Plan) -> list[Any]:
+def _write_items(plan: Plan) -> tuple[list[Any], list[str]]:
+    """The items of the file, and notes about patterns that QGroundControl does not have."""
     simple = [item for _, item in plan.simple_items()]
     ids = _jump_ids(simple)
     index_of = {each: index for index, each in enumerate(ids)}
     first = 0
     written: list[Any] = []
-    for item in plan.items:
-        count = len(item.items) if isinstance(item, ComplexItem) else 1
+    notes: list[str] = []
+    for number, item in enumerate(plan.items, start=1):
+        count = len(item.items) if isinstance(item, ItemGroup) else 1
         parts = [_write_simple(simple[k], ids[k], ids, index_of) for k in range(first, first + count)]
         first += count
-        if not isinstance(item, ComplexItem):
+        if isinstance(item, ComplexItem):
+            raw = require_object(bounded_json.load(item.original), "the complex item")
+            written.append(qgc_pattern.with_items(raw, parts))
+        elif isinstance(item, PatternItem):
+            rows, reason = qgc_pattern.write(item, parts)
+            written += rows
+            if reason is not None:
+                name = f"Item {number} ({item.pattern.kind})"
+                notes.append(f"{name} is written as the items inside it: {reason}.")
+        else:
             written += parts
-            continue
-        raw = require_object(bounded_json.load(item.original), "the complex item")
-        transects = raw.get("TransectStyleComplexItem")
-        if isinstance(transects, dict) and "Items" in transects:
-            transects["Items"] = parts
-        written.append(raw)
-    return written
+    return written, notes
 
 
 def _jump_ids(items: Sequence[SimpleItem]) -> list[int]:

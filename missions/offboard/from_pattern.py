@@ -15,7 +15,7 @@ from missions.items import PlacedItem
 from missions.offboard import steps as s
 from missions.offboard.from_plan import steps_in_air
 from missions.offboard.positions import MissionPosition
-from missions.patterns.document import OrbitPattern, PatternDocument, StructurePattern
+from missions.pattern_settings import OrbitPattern, PatternDocument, StructurePattern
 from missions.plan import SimpleItem
 from missions.values import Altitude, Point
 from missions.vehicle import VehicleModel

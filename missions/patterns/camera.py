@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 from missions.errors import PlanError
 
@@ -69,3 +70,43 @@ class Coverage:
     def lead_out_m(self) -> float:
         """Extra length of a line [m], so that the last photo shows the end of the line."""
         return max(0.0, self.trigger_m - self.camera.footprint_m(self.distance_m)[1] / 2.0)
+
+    @property
+    def across_m(self) -> float:
+        """Extent of a photo across the line [m]."""
+        return self.camera.footprint_m(self.distance_m)[0]
+
+    @property
+    def resolution_m_px(self) -> float | None:
+        """Ground sampling distance [m per pixel]."""
+        return self.camera.resolution_m_px(self.distance_m)
+
+    def sideways(self) -> Self:
+        """The coverage for sideways flight: the width of a landscape photo is along the path."""
+        return replace(self, camera=replace(self.camera, landscape=not self.camera.landscape))
+
+
+@dataclass(frozen=True, slots=True)
+class GivenCoverage:
+    """Distances between lines and between photos, stated by a pilot or a file instead of a camera."""
+
+    distance_m: float
+    """Distance from the camera to the surface."""
+    spacing_m: float
+    """Distance between neighbouring lines, and the extent of what one line shows."""
+    trigger_m: float
+    """Distance between two photos on a line; 0: no photos."""
+    lead_out_m: float = 0.0
+    resolution_m_px: float | None = None
+
+    @property
+    def across_m(self) -> float:
+        """Extent of what one line shows [m]."""
+        return self.spacing_m
+
+    def sideways(self) -> Self:
+        """The same distances: they hold for any orientation."""
+        return self
+
+
+AnyCoverage = Coverage | GivenCoverage

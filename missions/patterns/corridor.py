@@ -10,7 +10,7 @@ import numpy as np
 from shapely.geometry import LineString
 
 from missions.errors import PlanError
-from missions.patterns.camera import Coverage
+from missions.patterns.camera import AnyCoverage
 from missions.patterns.ground import EastNorth, Map
 from missions.patterns.result import Pattern, photo_count, photo_path_items, within_item_limit
 from missions.patterns.sweep import MAX_LINES
@@ -24,7 +24,7 @@ MIN_BEND_COSINE = -0.5
 def corridor(
     points: Sequence[Point],
     width_m: float,
-    coverage: Coverage,
+    coverage: AnyCoverage,
     altitude: Altitude,
     turnaround_m: float = 0.0,
 ) -> Pattern:
@@ -70,7 +70,7 @@ def corridor(
         photos=photos,
         spacing_m=spacing_m,
         trigger_m=coverage.trigger_m,
-        resolution_m_px=coverage.camera.resolution_m_px(coverage.distance_m),
+        resolution_m_px=coverage.resolution_m_px,
         area_m2=center_line.length * width_m,
     )
 

@@ -12,12 +12,11 @@ from shapely.geometry import LineString, Polygon
 from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
 from missions.items import Waypoint
+from missions.pattern_settings import MAX_POINTS
 from missions.values import Altitude, Point
 
 EastNorth = tuple[float, float]
 """East, north [m]."""
-MAX_POINTS = 2000
-"""Maximum number of corners of one area or line."""
 MAX_EXTENT_M = 50_000.0
 """Maximum extent; over this distance the flat map has an error of 0.3 %."""
 

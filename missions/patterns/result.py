@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from missions.camera_items import TriggerDistance
 from missions.errors import PlanError
-from missions.patterns.camera import Coverage
+from missions.patterns.camera import AnyCoverage
 from missions.patterns.ground import EastNorth, Map
 from missions.plan import MAX_ITEMS, SimpleItem
 from missions.values import Altitude, Point
@@ -39,7 +39,7 @@ def photo_path_items(
     path: Sequence[EastNorth],
     flat_map: Map,
     altitude: Altitude,
-    coverage: Coverage,
+    coverage: AnyCoverage,
     turnaround_m: float = 0.0,
 ) -> list[SimpleItem]:
     """Items that fly a path and take photos; the path is extended straight by `turnaround_m` at both
@@ -50,16 +50,25 @@ def photo_path_items(
     if turnaround_m > 0.0:
         items.append(flat_map.waypoint(_beyond(path[1], start, turnaround_m), altitude))
     items.append(flat_map.waypoint(start, altitude))
-    items.append(TriggerDistance(distance_m=coverage.trigger_m, at_once=1.0))
-    items += [flat_map.waypoint(position, altitude) for position in (*path[1:-1], last)]
-    items.append(TriggerDistance(distance_m=0.0))
+    rest: list[SimpleItem] = [flat_map.waypoint(position, altitude) for position in (*path[1:-1], last)]
+    items += with_photos(rest, coverage)
     if turnaround_m > coverage.lead_out_m:
         items.append(flat_map.waypoint(_beyond(path[-2], end, turnaround_m), altitude))
     return items
 
 
-def photo_count(length_m: float, coverage: Coverage) -> int:
+def with_photos(items: Sequence[SimpleItem], coverage: AnyCoverage) -> list[SimpleItem]:
+    """The items between the start and the end of taking photos; unchanged if no photos are taken."""
+    if coverage.trigger_m <= 0.0:
+        return list(items)
+    start = TriggerDistance(distance_m=coverage.trigger_m, at_once=1.0)
+    return [start, *items, TriggerDistance(distance_m=0.0)]
+
+
+def photo_count(length_m: float, coverage: AnyCoverage) -> int:
     """Number of photos on a line: one at the start, then one for each trigger distance."""
+    if coverage.trigger_m <= 0.0:
+        return 0
     return 1 + int((length_m + coverage.lead_out_m) / coverage.trigger_m + 1e-9)
 
 

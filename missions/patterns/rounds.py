@@ -5,21 +5,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 from shapely.geometry import Polygon
 
-from missions.camera_items import GimbalPitchYaw, TriggerDistance
+from missions.camera_items import GimbalPitchYaw
 from missions.errors import PlanError
 from missions.items import RoiLocation, RoiNone
-from missions.patterns.camera import Coverage
+from missions.pattern_settings import MAX_ROUNDS
+from missions.patterns.camera import AnyCoverage
 from missions.patterns.ground import EastNorth, Map, heading_deg
-from missions.patterns.result import Pattern, photo_count, within_item_limit
+from missions.patterns.result import Pattern, photo_count, with_photos, within_item_limit
 from missions.plan import SimpleItem
 from missions.values import Altitude, Point
 
-MAX_ROUNDS = 100
 YAW_IN_VEHICLE_FRAME = 32.0
 """GIMBAL_MANAGER_FLAGS_YAW_IN_VEHICLE_FRAME."""
 MITRE_LIMIT = 2.0
@@ -89,7 +89,7 @@ class StructureScan:
     """Settings of a scan of a structure's sides."""
 
     outline: Sequence[Point]
-    coverage: Coverage
+    coverage: AnyCoverage
     """`distance_m` is the distance from the camera to the sides; `side_overlap` is the overlap between
     two rounds."""
     base: Altitude
@@ -101,13 +101,17 @@ class StructureScan:
     from_top: bool = False
     """Whether to fly the highest round first."""
     gimbal_pitch_deg: float = 0.0
+    layers: int | None = None
+    """Number of rounds, one spacing apart; None: as many as cover the height, evenly spaced."""
+    entrance: Altitude | None = None
+    """Altitude at which the vehicle comes and leaves, above the start of the rounds; None: it does not."""
 
 
 def structure(scan: StructureScan) -> Pattern:
     """Clockwise rounds around a structure at several heights, with the nose and the camera towards the sides.
 
     Rounds are at most `footprint · (1 − side overlap)` apart; the photos of the highest round show the top.
-    The photo's width is along the path.
+    The width of a landscape photo is along the path.
 
     Raises:
         PlanError: The outline or a height is invalid.
@@ -120,28 +124,28 @@ def structure(scan: StructureScan) -> Pattern:
     outline = flat_map.polygon(scan.outline, field="outline")
     ring = _offset_outline(outline, scan.coverage.distance_m, "coverage.distance_m")
     path = [*ring, ring[0]]
-    heights, coverage = round_heights(scan), _sideways_coverage(scan.coverage)
+    heights, coverage = round_heights(scan), scan.coverage.sideways()
+    passage = [] if scan.entrance is None else [flat_map.waypoint(path[0], scan.entrance)]
     items: list[SimpleItem] = [
-        GimbalPitchYaw(pitch_deg=scan.gimbal_pitch_deg, yaw_deg=0.0, flags=YAW_IN_VEHICLE_FRAME)
+        *passage,
+        GimbalPitchYaw(pitch_deg=scan.gimbal_pitch_deg, yaw_deg=0.0, flags=YAW_IN_VEHICLE_FRAME),
     ]
     for height_m in reversed(heights) if scan.from_top else heights:
         altitude = altitude_above(scan.base, height_m)
         yaws_deg = [(heading_deg(a, b) + 90.0) % 360.0 for a, b in pairwise(path)]
         items.append(flat_map.waypoint(path[0], altitude, yaws_deg[0]))
-        items.append(TriggerDistance(distance_m=coverage.trigger_m, at_once=1.0))
-        items += [
-            flat_map.waypoint(position, altitude, yaw)
-            for position, yaw in zip(path[1:], yaws_deg, strict=True)
-        ]
-        items.append(TriggerDistance(distance_m=0.0))
+        sides = zip(path[1:], yaws_deg, strict=True)
+        corners: list[SimpleItem] = [flat_map.waypoint(corner, altitude, yaw) for corner, yaw in sides]
+        items += with_photos(corners, coverage)
+    items += passage
     perimeter_m = sum(math.dist(a, b) for a, b in pairwise(path))
     return Pattern(
         items=within_item_limit(items),
         lines_length_m=perimeter_m * len(heights),
         photos=len(heights) * photo_count(perimeter_m, coverage),
-        spacing_m=heights[1] - heights[0] if len(heights) > 1 else 0.0,
+        spacing_m=abs(heights[1] - heights[0]) if len(heights) > 1 else 0.0,
         trigger_m=coverage.trigger_m,
-        resolution_m_px=scan.coverage.camera.resolution_m_px(scan.coverage.distance_m),
+        resolution_m_px=scan.coverage.resolution_m_px,
         area_m2=outline.exterior.length * scan.height_m,
     )
 
@@ -149,9 +153,11 @@ def structure(scan: StructureScan) -> Pattern:
 def round_heights(scan: StructureScan) -> list[float]:
     """Height of each round above the base [m], from the lowest to the highest; evenly spaced. The photos of
     the highest round show the top."""
-    coverage = _sideways_coverage(scan.coverage)
-    footprint_m, spacing_m = coverage.camera.footprint_m(coverage.distance_m)[0], coverage.spacing_m
-    highest_m = max(scan.lowest_m, scan.height_m - footprint_m / 2.0)
+    coverage = scan.coverage.sideways()
+    spacing_m = coverage.spacing_m
+    if scan.layers is not None:
+        return _given_rounds(scan, scan.layers, spacing_m)
+    highest_m = max(scan.lowest_m, scan.height_m - coverage.across_m / 2.0)
     count = 1 + max(0, math.ceil((highest_m - scan.lowest_m) / spacing_m - 1e-9))
     if count > MAX_ROUNDS:
         raise PlanError(
@@ -164,9 +170,15 @@ def round_heights(scan: StructureScan) -> list[float]:
     return [scan.lowest_m + number * step_m for number in range(count)]
 
 
-def _sideways_coverage(coverage: Coverage) -> Coverage:
-    """The coverage for sideways flight: the photo's width is along the path."""
-    return replace(coverage, camera=replace(coverage.camera, landscape=False))
+def _given_rounds(scan: StructureScan, count: int, spacing_m: float) -> list[float]:
+    """Heights of this number of rounds, one spacing apart, from the lowest to the highest [m]."""
+    lowest_m = scan.lowest_m
+    if scan.from_top:
+        lowest_m = scan.height_m - spacing_m / 2.0 - (count - 1) * spacing_m
+    if lowest_m <= 0.0:
+        reason = f"the lowest of {count} rounds is {lowest_m:.1f} m above the base"
+        raise PlanError("field layers", reason, "Reduce the number of rounds.", field="layers")
+    return [lowest_m + number * spacing_m for number in range(count)]
 
 
 def altitude_above(base: Altitude, above_m: float) -> Altitude:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from missions.items import ChangeSpeed
-from missions.patterns.camera import Coverage
+from missions.patterns.camera import AnyCoverage
 from missions.patterns.ground import Map
 from missions.patterns.result import Pattern, photo_count, photo_path_items, within_item_limit
 from missions.patterns.sweep import Sweep, sweep
@@ -19,7 +19,7 @@ class Survey:
     """Settings of a survey."""
 
     outer: Sequence[Point]
-    coverage: Coverage
+    coverage: AnyCoverage
     altitude: Altitude
     """Altitude of the flight; `coverage.distance_m` is the camera's distance to the ground."""
     holes: Sequence[Sequence[Point]] = ()
@@ -61,7 +61,7 @@ def make(survey: Survey) -> Pattern:
         photos=sum(photo_count(Sweep((line,), 0.0).length_m, coverage) for line in lines),
         spacing_m=coverage.spacing_m,
         trigger_m=coverage.trigger_m,
-        resolution_m_px=coverage.camera.resolution_m_px(coverage.distance_m),
+        resolution_m_px=coverage.resolution_m_px,
         heading_deg=sweeps[0].heading_deg,
         area_m2=area.area,
     )

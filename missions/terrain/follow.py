@@ -13,7 +13,7 @@ import numpy as np
 
 from missions.errors import PlanError
 from missions.items import Jump, PlacedItem, Takeoff, Waypoint
-from missions.plan import MAX_ITEMS, ComplexItem, Plan, PlanItem, SimpleItem
+from missions.plan import MAX_ITEMS, ComplexItem, ItemGroup, Plan, PlanItem, SimpleItem
 from missions.route import is_flown_to
 from missions.terrain.ground import Ground, line_positions
 from missions.values import Altitude, RallyPoint
@@ -74,24 +74,23 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
     count = 0
     previous: PlacedItem | None = None
     for row in plan.items:
+        inner: list[SimpleItem] = []
         if isinstance(row, ComplexItem):
-            inner = tuple(with_resolved_altitude(each) for each in row.items)
-            new_index += range(count, count + len(inner))
-            count += len(inner)
-            items.append(row.model_copy(update={"items": inner}))
             previous = None
-            continue
-        item = with_resolved_altitude(row)
-        current = item if isinstance(item, PlacedItem) and is_flown_to(item) else None
-        if current is not None and previous is not None and ground is not None and tolerance_m is not None:
-            added_waypoints = _waypoints_between(previous, current, ground, tolerance_m)
-            items += added_waypoints
-            added_count, count = added_count + len(added_waypoints), count + len(added_waypoints)
-        new_index.append(count)
-        items.append(item)
-        count += 1
-        if current is not None:
-            previous = current
+        for each in row.items if isinstance(row, ItemGroup) else (row,):
+            item = with_resolved_altitude(each)
+            current = item if isinstance(item, PlacedItem) and is_flown_to(item) else None
+            if current is not None and previous is not None:
+                added_waypoints = _waypoints_between(previous, current, ground, tolerance_m)
+                before_group = not any(isinstance(earlier, Waypoint) for earlier in inner)
+                (items if before_group else inner).extend(added_waypoints)
+                added_count, count = added_count + len(added_waypoints), count + len(added_waypoints)
+            new_index.append(count)
+            inner.append(item)
+            count += 1
+            if not isinstance(row, ComplexItem):
+                previous = current or previous
+        items += [row.model_copy(update={"items": tuple(inner)})] if isinstance(row, ItemGroup) else inner
     if count > MAX_ITEMS:
         reason = f"following the ground needs {count} items, the maximum is {MAX_ITEMS}"
         raise PlanError("the plan", reason, "Increase the tolerance, or split the plan.")
@@ -116,13 +115,15 @@ def _with_new_target(item: PlanItem, new_index: Sequence[int]) -> PlanItem:
 
 
 def _waypoints_between(
-    start: PlacedItem, end: PlacedItem, ground: Ground, tolerance_m: float
+    start: PlacedItem, end: PlacedItem, ground: Ground | None, tolerance_m: float | None
 ) -> list[Waypoint]:
     """Waypoints that keep the straight lines from start to end near the planned height above the ground.
 
     A line is divided where its error is largest (Ramer, Douglas, Peucker). No waypoint is added if the
     altitude of one end is not a terrain altitude, or if the ground is unknown anywhere on the line.
     """
+    if ground is None or tolerance_m is None:
+        return []
     start_altitude, end_altitude = start.altitude, end.altitude
     if start_altitude.reference != "terrain" or end_altitude.reference != "terrain":
         return []

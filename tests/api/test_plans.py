@@ -243,6 +243,18 @@ def test_patterns_become_a_path_or_mission_steps(client):
     )
     assert (hole_outside.status_code, hole_outside.json()["field"]) == (422, "holes")
 
+    (row,) = response.json()["plan"]["items"]
+    assert (row["kind"], row["pattern"]["outer"]) == ("pattern", SQUARE)
+    row["pattern"]["coverage"]["side_overlap"] = 0.9
+    stored = client.post("plans", json={"name": "Field", "plan": {"items": [row]}}).json()
+    (kept,) = client.get(f"plans/{stored['id']}").json()["plan"]["items"]
+    assert (kept["kind"], kept["pattern"]["coverage"]["side_overlap"]) == ("pattern", 0.9)
+    assert len(kept["items"]) > 2 * len(row["items"])
+    row["pattern"]["outer"] = SQUARE[:2]
+    refused = client.post("plans/check", json={"plan": {"items": [row]}})
+    assert (refused.status_code, refused.json()["field"]) == (422, "items[0].pattern")
+    assert refused.json()["detail"].startswith("item 1 (survey)")
+
     steps = client.post("plans/pattern", json=survey, params={"document": "offboard_mission"})
     assert steps.status_code == 200, steps.text
     assert steps.json()["plan"]["steps"][1]["name"] == "Survey line 1"

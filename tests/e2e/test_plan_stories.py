@@ -65,8 +65,8 @@ def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station
         view.get_by_label("Altitude", exact=True).fill("15")
         expect(view.get_by_role("group", name="Figures of the pattern")).to_contain_text("cm/px")
         view.get_by_role("button", name="Insert survey").click()
-        waypoints = entries_of(view).filter(has_text="Waypoint")
-        expect(waypoints.nth(3)).to_contain_text("15.0 m above home")
+        survey = entries_of(view).filter(has_text="Survey")
+        expect(survey).to_contain_text("15.0 m above home")
 
         findings = view.get_by_role("region", name="Findings")
         expect(findings).to_contain_text("The plan has no take-off")
@@ -87,10 +87,58 @@ def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station
         start_plan(page, upload_plan(view), station)
         page.keyboard.press("h")
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
-        waypoints.nth(2).click()
+        survey.click()
         view.get_by_role("button", name=re.compile(r"^Fly from item \d+…$")).click()
         expect(page.get_by_role("alertdialog")).to_contain_text("Fly the mission of Quad 101 from item")
         page.keyboard.press("Escape")
+
+
+def test_a_survey_in_the_plan_is_turned_saved_reopened_and_taken_apart(
+    browser: Browser, station: Station
+) -> None:
+    with open_page(browser, station.url, scene=False, size=(1280, 800)) as page:
+        view = open_plan_view(page)
+        choose_menu_entry(view.get_by_role("button", name="Add item"), "Survey")
+        for point in SURVEY_AREA:
+            page.mouse.click(*window_position_on_map(page, point))
+        view.get_by_label("Heading of the lines").fill("0")
+        figures = view.get_by_role("group", name="Figures of the pattern")
+        expect(figures).to_contain_text("Line heading 0°")
+        view.get_by_role("button", name="Insert survey").click()
+        survey = entries_of(view).filter(has_text="Survey")
+        before = survey.inner_text()
+
+        card = page.get_by_role("group", name="Selection")
+        card.get_by_role("button", name="Edit survey…").click()
+        view.get_by_label("Heading of the lines").fill("30")
+        expect(figures).to_contain_text("Line heading 30°")
+        view.get_by_label("Side overlap").fill("90")
+        expect(figures).not_to_contain_text(before)
+        view.get_by_role("button", name="Done").click()
+        expect(survey).not_to_have_text(before)
+        turned = survey.inner_text()
+        page.keyboard.press("Control+z")
+        expect(survey).not_to_have_text(turned)
+        page.keyboard.press("Control+y")
+        expect(survey).to_have_text(re.compile(re.escape(turned.splitlines()[-1])))
+
+        page.get_by_label("Name of the plan").fill("Turned survey")
+        page.get_by_role("button", name="Save", exact=True).click()
+        expect(view.get_by_text("version 1")).to_be_visible()
+        page.reload()
+        view = open_plan_view(page)
+        page.get_by_role("button", name="Plans", exact=True).click()
+        view.get_by_role("button", name=re.compile("^Turned survey")).first.click()
+        survey = entries_of(view).filter(has_text="Survey")
+        survey.click()
+        card.get_by_role("button", name="Edit survey…").click()
+        expect(view.get_by_label("Heading of the lines")).to_have_value("30")
+        expect(view.get_by_label("Side overlap")).to_have_value("90")
+        view.get_by_role("button", name="Take apart").click()
+        expect(entries_of(view).filter(has_text="Waypoint").nth(3)).to_be_visible()
+        expect(survey).to_have_count(0)
+        page.keyboard.press("Control+z")
+        expect(survey).to_have_count(1)
 
 
 def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
@@ -246,7 +294,7 @@ def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station
         assert violations_in_both_themes(page) == []
         tab_to(page, "Insert survey")
         keyboard.press("Enter")
-        expect(entries_of(view).filter(has_text="Waypoint").nth(3)).to_contain_text("15.0 m above home")
+        expect(entries_of(view).filter(has_text="Survey")).to_contain_text("15.0 m above home")
         findings = view.get_by_role("region", name="Findings")
         tab_to(page, "Add a take-off at the beginning")
         keyboard.press("Enter")

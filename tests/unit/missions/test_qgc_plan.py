@@ -14,7 +14,7 @@ from missions import plan as plan_document
 from missions.errors import PlanError
 from missions.formats import mavlink_items, qgc_plan
 from missions.items import CommandItem, Jump, Waypoint
-from missions.plan import ComplexItem, Plan, without_originals
+from missions.plan import PatternItem, Plan, without_originals
 from missions.values import Altitude
 from tests.support.plan_strategies import HOMES, RESOLVED_ALTITUDES, plans
 
@@ -69,14 +69,15 @@ def test_a_jump_targets_its_item_by_the_number_in_the_file() -> None:
 
 def test_a_survey_is_flown_as_the_items_inside_it() -> None:
     plan = qgc_plan.read(plan_file("survey")).plan
-    assert isinstance(plan.items[1], ComplexItem)
+    assert isinstance(plan.items[1], PatternItem)
     assert len(plan.items[1].items) == 8
     assert [item.command for item in mavlink_items.mission_items(plan)] == [22, *[16, 206] * 4, 177, 21]
 
 
-def test_a_structure_scan_without_items_is_kept_and_reported() -> None:
-    imported = qgc_plan.read(plan_file("structure"))
-    note = "Item 2 (StructureScan) contains no mission items: it is kept, but cannot be flown."
+def test_a_pattern_without_items_is_kept_and_reported() -> None:
+    path = ["mission", "items", 1, "complexItemType"]
+    imported = qgc_plan.read(plan_file_with("structure", path, "vtolLandingPattern"))
+    note = "Item 2 (vtolLandingPattern) contains no mission items: it is kept, but cannot be flown."
     assert imported.notes == (note,)
 
 

@@ -260,6 +260,8 @@ export const BOUNDS = {
     distance_m: {"above":0},
     front_overlap: {"min":0,"max":0.95},
     side_overlap: {"min":0,"max":0.95},
+    spacing_m: {"above":0},
+    trigger_m: {"min":0,"max":10000000},
   },
   format_offboard_gcs_plan: {
     cruise_speed_m_s: {"above":0,"max":1000},
@@ -356,6 +358,7 @@ export const BOUNDS = {
   kind_structure: {
     height_m: {"min":0,"max":10000000},
     lowest_m: {"min":0,"max":10000000},
+    layers: {"min":1,"max":100},
   },
   kind_survey: {
     turnaround_m: {"min":0,"max":10000000},

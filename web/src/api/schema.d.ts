@@ -2056,8 +2056,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Make Pattern
-         * @description Generates items or steps from an area, a line or a point: survey, corridor, perimeter, orbit or
-         *     structure scan. Saves nothing.
+         * @description Generates a pattern of a plan, or steps of a mission, from an area, a line or a point: survey,
+         *     corridor, perimeter, orbit or structure scan. Saves nothing.
          */
         readonly post: operations["make_pattern_api_v1_plans_pattern_post"];
         readonly delete?: never;
@@ -3305,9 +3305,10 @@ export interface components {
             readonly image_height_px: number;
             /**
              * Landscape
-             * @description Whether the photo's width is across the line of flight.
+             * @description Whether the photo's width is across the line of flight, or horizontal at the sides of a structure.
+             * @default true
              */
-            readonly landscape?: boolean;
+            readonly landscape: boolean;
         };
         /**
          * CameraZoom
@@ -3560,13 +3561,18 @@ export interface components {
         };
         /**
          * ComplexItem
-         * @description A pattern of another program (QGroundControl's survey, corridor, structure scan), kept unchanged.
+         * @description A pattern of another program that this program does not know, kept unchanged.
          *
-         *     `items` are the mission items that the file contains for the pattern. Some files contain none, because
-         *     QGroundControl recalculates a structure scan when it opens the file. Such a plan can be stored and
-         *     displayed, but not flown.
+         *     `items` are the mission items that the file contains for the pattern. Some files contain none. Such a plan
+         *     can be stored and displayed, but not flown.
          */
         readonly ComplexItem: {
+            /**
+             * Items
+             * @description The mission items, as they are flown.
+             * @default []
+             */
+            readonly items: readonly (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["missions__items__Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"])[];
             /**
              * @description discriminator enum property added by openapi-typescript
              * @enum {string}
@@ -3577,12 +3583,6 @@ export interface components {
              * @description Complex type.
              */
             readonly complex_type: string;
-            /**
-             * Items
-             * @description Items.
-             * @default []
-             */
-            readonly items: readonly (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["missions__items__Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"])[];
             /**
              * Original
              * @description JSON text of the complex item in the file.
@@ -3890,8 +3890,9 @@ export interface components {
             /**
              * Turnaround M
              * @description Turnaround [m].
+             * @default 0
              */
-            readonly turnaround_m?: number;
+            readonly turnaround_m: number;
         };
         /**
          * Delay
@@ -9063,7 +9064,8 @@ export interface components {
             /**
              * Kind
              * @description link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
-             *     be used), untested_release (of its autopilot), simulator, fault (of this program).
+             *     be used), untested_release (of its autopilot), ros2_settings (of a vehicle that no ROS 2 link finds),
+             *     simulator, fault (of this program).
              */
             readonly kind: string;
             /**
@@ -10030,18 +10032,21 @@ export interface components {
             /**
              * Rounds
              * @description Rounds.
+             * @default 1
              */
-            readonly rounds?: number;
+            readonly rounds: number;
             /**
              * Clockwise
              * @description Clockwise.
+             * @default true
              */
-            readonly clockwise?: boolean;
+            readonly clockwise: boolean;
             /**
              * Start Deg
              * @description Bearing of the start from the centre, clockwise from north.
+             * @default 0
              */
-            readonly start_deg?: number;
+            readonly start_deg: number;
         };
         /**
          * OrbitRequest
@@ -10507,14 +10512,51 @@ export interface components {
             readonly time_s: number;
         };
         /**
+         * PatternItem
+         * @description A pattern with its geometry and values; its lines follow every change of them.
+         *
+         *     `items` follow from `pattern`, and `items_key` says from which values. `read` makes new items if the key
+         *     is not that of the pattern, so that nobody flies the lines of earlier values: a client changes `pattern`
+         *     and leaves the rest. The items of a file of another program are kept until something is changed.
+         */
+        readonly PatternItem: {
+            /**
+             * Items
+             * @description The mission items, as they are flown.
+             * @default []
+             */
+            readonly items: readonly (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["missions__items__Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"])[];
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            readonly kind: "pattern";
+            /**
+             * Pattern
+             * @description Pattern.
+             */
+            readonly pattern: components["schemas"]["SurveyPattern"] | components["schemas"]["CorridorPattern"] | components["schemas"]["PerimeterPattern"] | components["schemas"]["OrbitPattern"] | components["schemas"]["StructurePattern"];
+            /**
+             * Items Key
+             * @description `pattern_key` of the pattern that the items were made from.
+             * @default
+             */
+            readonly items_key: string;
+            /**
+             * Original
+             * @description JSON text of the complex item in the .plan file that the pattern was read from.
+             */
+            readonly original?: string | null;
+        };
+        /**
          * PatternPlan
          * @description A document that contains only a pattern; nothing is saved.
          */
         readonly PatternPlan: {
             /**
              * Plan
-             * @description A waypoint plan with the items of the pattern, or an offboard mission with its steps. The steps begin
-             *     in the air: insert them after a take-off.
+             * @description A waypoint plan with the pattern as its only item, or an offboard mission with its steps. The steps
+             *     begin in the air: insert them after a take-off.
              */
             readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
             /**
@@ -10574,14 +10616,16 @@ export interface components {
             /**
              * Offset M
              * @description Offset [m].
+             * @default 0
              */
-            readonly offset_m?: number;
+            readonly offset_m: number;
             readonly altitude: components["schemas"]["Altitude"];
             /**
              * Rounds
              * @description Rounds.
+             * @default 1
              */
-            readonly rounds?: number;
+            readonly rounds: number;
         };
         /**
          * Photo
@@ -10618,10 +10662,12 @@ export interface components {
         };
         /**
          * PhotoCoverage
-         * @description Overlaps of the photos, and distance of the camera to the surface.
+         * @description Overlaps of the photos, and distance of the camera to the surface. Without a camera, the distances
+         *     between lines and between photos are given instead of the overlaps.
          */
         readonly PhotoCoverage: {
-            readonly camera: components["schemas"]["CameraModel"];
+            /** @description Camera. */
+            readonly camera?: components["schemas"]["CameraModel"] | null;
             /**
              * Distance M
              * @description Distance from the camera to the ground, or to the structure's sides.
@@ -10630,13 +10676,25 @@ export interface components {
             /**
              * Front Overlap
              * @description Overlap of successive photos, as a fraction of the photo.
+             * @default 0.75
              */
-            readonly front_overlap?: number;
+            readonly front_overlap: number;
             /**
              * Side Overlap
              * @description Overlap of neighbouring lines, as a fraction of the photo.
+             * @default 0.65
              */
-            readonly side_overlap?: number;
+            readonly side_overlap: number;
+            /**
+             * Spacing M
+             * @description Distance between neighbouring lines or rounds; only without a camera.
+             */
+            readonly spacing_m?: number | null;
+            /**
+             * Trigger M
+             * @description Distance between two photos, 0: no photos; only without a camera.
+             */
+            readonly trigger_m?: number | null;
         };
         /**
          * PhotoStart
@@ -10766,7 +10824,7 @@ export interface components {
              * @description Items.
              * @default []
              */
-            readonly items: readonly (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["missions__items__Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"] | components["schemas"]["ComplexItem"])[];
+            readonly items: readonly (components["schemas"]["Takeoff"] | components["schemas"]["Waypoint"] | components["schemas"]["LoiterUnlimited"] | components["schemas"]["LoiterTime"] | components["schemas"]["LoiterToAltitude"] | components["schemas"]["missions__items__Land"] | components["schemas"]["RoiLocation"] | components["schemas"]["LegacyRoi"] | components["schemas"]["Gate"] | components["schemas"]["ReturnHome"] | components["schemas"]["Delay"] | components["schemas"]["Jump"] | components["schemas"]["ChangeSpeed"] | components["schemas"]["SetHome"] | components["schemas"]["LandStart"] | components["schemas"]["RoiNextWaypoint"] | components["schemas"]["RoiNone"] | components["schemas"]["SetServo"] | components["schemas"]["SetActuator"] | components["schemas"]["Gripper"] | components["schemas"]["Winch"] | components["schemas"]["TriggerDistance"] | components["schemas"]["TriggerInterval"] | components["schemas"]["TriggerControl"] | components["schemas"]["PhotoStart"] | components["schemas"]["PhotoStop"] | components["schemas"]["VideoStart"] | components["schemas"]["VideoStop"] | components["schemas"]["CameraMode"] | components["schemas"]["CameraZoom"] | components["schemas"]["CameraFocus"] | components["schemas"]["ControlVideo"] | components["schemas"]["Digicam"] | components["schemas"]["ObliqueSurvey"] | components["schemas"]["GimbalPitchYaw"] | components["schemas"]["GimbalConfigure"] | components["schemas"]["MountConfigure"] | components["schemas"]["MountControl"] | components["schemas"]["CommandItem"] | components["schemas"]["ComplexItem"] | components["schemas"]["PatternItem"])[];
             /**
              * Fence
              * @description Fence.
@@ -13208,18 +13266,32 @@ export interface components {
             /**
              * Lowest M
              * @description Height of the lowest round above the base.
+             * @default 3
              */
-            readonly lowest_m?: number;
+            readonly lowest_m: number;
             /**
              * From Top
              * @description From top.
+             * @default false
              */
-            readonly from_top?: boolean;
+            readonly from_top: boolean;
             /**
              * Gimbal Pitch Deg
              * @description Gimbal pitch [deg].
+             * @default 0
              */
-            readonly gimbal_pitch_deg?: number;
+            readonly gimbal_pitch_deg: number;
+            /**
+             * Layers
+             * @description Number of rounds, each one spacing above the one below: from the lowest round up, or with `from_top`
+             *     from half a spacing below the top down; null: as many as cover the height, evenly spaced.
+             */
+            readonly layers?: number | null;
+            /**
+             * @description Altitude at which the vehicle flies to the structure and leaves it; null: the rounds begin and end the
+             *     pattern.
+             */
+            readonly entrance?: components["schemas"]["Altitude"] | null;
         };
         /**
          * SurveyPattern
@@ -13239,8 +13311,9 @@ export interface components {
             /**
              * Holes
              * @description Holes.
+             * @default []
              */
-            readonly holes?: readonly (readonly components["schemas"]["Point"][])[];
+            readonly holes: readonly (readonly components["schemas"]["Point"][])[];
             readonly coverage: components["schemas"]["PhotoCoverage"];
             readonly altitude: components["schemas"]["Altitude"];
             /**
@@ -13251,13 +13324,15 @@ export interface components {
             /**
              * Turnaround M
              * @description Turnaround [m].
+             * @default 0
              */
-            readonly turnaround_m?: number;
+            readonly turnaround_m: number;
             /**
              * Crosshatch
              * @description Crosshatch.
+             * @default false
              */
-            readonly crosshatch?: boolean;
+            readonly crosshatch: boolean;
             /**
              * Speed M S
              * @description Speed [m/s].

@@ -3,13 +3,12 @@
 import type { ApiClient, Outcome } from '../../api/client';
 import type { components } from '../../api/schema';
 import type { GeoPosition } from '../../vehicle/geo';
-import type { Plan } from './document/document';
+import type { Pattern, Plan } from './document/document';
 import type { Finding } from './document/fixes';
 import type { Power } from './dry-run/conditions';
 import type { Document, PlanKind } from './document-kinds';
 import type { CompiledFlight } from './offboard/mission';
 import type { Mission, JsonPath } from './offboard/mission';
-import type { Pattern } from './patterns/shape';
 
 type Schemas = components['schemas'];
 

@@ -12,6 +12,7 @@ import { PlanEditor } from './editor/editor.svelte';
 import { MissionInsertion } from './offboard/insertion.svelte';
 import { VehicleMission } from './flight/vehicle-mission.svelte';
 import { PatternDrawing } from './patterns/drawing.svelte';
+import { PatternUpdates } from './patterns/updates.svelte';
 import { Plans } from './plans.svelte';
 
 export const editor = new PlanEditor();
@@ -19,6 +20,8 @@ const planApi = new PlanApi(page.api);
 const browserStorage = availableStorage(() => localStorage);
 export const plans = new Plans(planApi, editor, browserStorage);
 export const drawing = new PatternDrawing(planApi, editor, browserStorage);
+
+export const patternUpdates = new PatternUpdates(planApi, editor);
 
 export const insertion = new MissionInsertion(planApi, editor);
 

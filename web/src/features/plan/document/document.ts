@@ -15,11 +15,18 @@ export interface Item {
   readonly lat_deg?: number;
   readonly lon_deg?: number;
   readonly altitude?: Altitude;
-  /** The items of a pattern from another program. */
+  /** The mission items of a pattern, as they are flown. */
   readonly items?: readonly Item[];
+  /** Geometry and values of a pattern. */
+  readonly pattern?: Pattern;
+  /** Key of the values that the items of a pattern were made from; empty: `pattern` has been changed since. */
+  readonly items_key?: string;
   readonly [field: string]: unknown;
 }
 
+export type Pattern = Schemas['PatternItem']['pattern'];
+/** A pattern in the plan: one row with several mission items, which follow from its values. */
+export type PatternItem = Item & { readonly kind: 'pattern'; readonly pattern: Pattern; readonly items: readonly Item[] };
 export type PlacedItem = Item & GeoPosition & { readonly altitude: Altitude };
 export type PlannedHome = Readonly<Schemas['HomePosition']>;
 export type FenceCircle = Readonly<Schemas['FenceCircle']>;
@@ -64,11 +71,30 @@ export function isPlaced(item: Item): item is PlacedItem {
   return item.lat_deg !== undefined && item.lon_deg !== undefined && item.altitude !== undefined;
 }
 
+export function isPatternItem(item: Item | undefined): item is PatternItem {
+  return item?.kind === 'pattern' && item.pattern !== undefined;
+}
+
+/** Whether a row stands for several mission items. */
+export function isGroup(item: Item | undefined): boolean {
+  return item?.kind === 'pattern' || item?.kind === 'complex';
+}
+
+/** The mission items of a row. */
+export function itemsOfRow(item: Item): readonly Item[] {
+  return isGroup(item) ? (item.items ?? []) : [item];
+}
+
 /** Kinds of items whose position is a target of the camera; the vehicle does not fly to this position. */
 export const ROI_KINDS: ReadonlySet<ItemKind> = new Set(['roi_location', 'roi']);
 
 export function isFlownTo(item: Item): item is PlacedItem {
   return isPlaced(item) && !ROI_KINDS.has(item.kind);
+}
+
+/** The first position of a pattern's path: where its number is on the map, and what is dragged to move it. */
+export function anchorOf(item: PatternItem): PlacedItem | null {
+  return item.items.find(isFlownTo) ?? null;
 }
 
 /** A simple item with its row in the plan. All items of a pattern have the same row. */
@@ -78,7 +104,7 @@ export interface RowItem {
 }
 
 export function simpleItems(plan: Plan): RowItem[] {
-  return plan.items.flatMap((item, row) => (item.kind === 'complex' ? (item.items ?? []).map((inner) => ({ row, item: inner })) : [{ row, item }]));
+  return plan.items.flatMap((item, row) => itemsOfRow(item).map((inner) => ({ row, item: inner })));
 }
 
 /** The items that the vehicle flies to, in the order of their rows, without the repetitions of jumps. */
@@ -126,7 +152,7 @@ export function positionOf(plan: Plan, id: string): GeoPosition | null {
   if (ref === null) return null;
   if (ref.type === 'item') {
     const item = plan.items[ref.row];
-    return item !== undefined && isPlaced(item) ? item : null;
+    return item === undefined ? null : isPatternItem(item) ? anchorOf(item) : isPlaced(item) ? item : null;
   }
   if (ref.type === 'home') return plan.planned_home;
   if (ref.type === 'rally') return plan.rally_points[ref.index] ?? null;
@@ -180,6 +206,11 @@ export function change<T>(history: History<T>, next: T, group: string | null = n
   if (next === history.present) return history;
   const isSameGroup = group !== null && group === history.group;
   return { past: isSameGroup ? history.past : [...history.past, history.present].slice(-MAX_STATES), present: next, future: [], group };
+}
+
+/** Completes the present state without a new one, for example with what the server made of it. */
+export function amend<T>(history: History<T>, present: T): History<T> {
+  return { ...history, present };
 }
 
 /** Ends a group: the next change is undone separately. */

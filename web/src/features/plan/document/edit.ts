@@ -4,7 +4,9 @@ import { BOUNDS } from '../../../api/bounds';
 import type { LayerPosition } from '../../../app/map-layers.svelte';
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import {
+  isPatternItem,
   isPlaced,
+  itemsOfRow,
   obstaclesOf,
   partRefOf,
   type Altitude,
@@ -17,6 +19,7 @@ import {
   type RallyPoint,
   type DocumentAreas,
 } from './document';
+import { movePattern, raisePattern } from './pattern-items';
 
 function replaceAt<T>(list: readonly T[], index: number, next: T): T[] {
   return list.map((value, i) => (i === index ? next : value));
@@ -56,6 +59,7 @@ export function movePoint(plan: Plan, id: string, position: GeoPosition): Plan {
   if (ref === null) return plan;
   if (ref.type === 'item') {
     const item = plan.items[ref.row];
+    if (isPatternItem(item)) return replaceRows(plan, ref.row, 1, [movePattern(item, target)]);
     return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...target, altitude: withoutResolvedAltitude(item.altitude) }) : plan;
   }
   if (ref.type === 'rally') {
@@ -74,6 +78,7 @@ export function raisePoint(plan: Plan, id: string, by_m: number): Plan {
   const ref = partRefOf(id);
   const item = ref?.type === 'item' ? plan.items[ref.row] : undefined;
   if (ref?.type === 'item' && item !== undefined && isPlaced(item)) return setItem(plan, ref.row, { altitude: withAltitudeChange(item.altitude, by_m) });
+  if (ref?.type === 'item' && isPatternItem(item)) return setItem(plan, ref.row, raisePattern(item, by_m));
   const point = ref?.type === 'rally' ? plan.rally_points[ref.index] : undefined;
   if (ref?.type !== 'rally' || point === undefined) return plan;
   return {
@@ -82,14 +87,14 @@ export function raisePoint(plan: Plan, id: string, by_m: number): Plan {
   };
 }
 
-function withAltitudeChange(altitude: Altitude, by_m: number): Altitude {
+export function withAltitudeChange(altitude: Altitude, by_m: number): Altitude {
   const value_m = Number(Math.max(ALTITUDE_LIMITS_M.min, Math.min(altitude.value_m + by_m, ALTITUDE_LIMITS_M.max)).toFixed(2));
   const resolved_amsl_m = altitude.resolved_amsl_m ?? null;
   return resolved_amsl_m === null ? { ...altitude, value_m } : { ...altitude, value_m, resolved_amsl_m: resolved_amsl_m + value_m - altitude.value_m };
 }
 
 /** Removes the resolved terrain altitude, because the terrain differs at another position. */
-function withoutResolvedAltitude(altitude: Altitude): Altitude {
+export function withoutResolvedAltitude(altitude: Altitude): Altitude {
   return altitude.reference === 'terrain' ? { ...altitude, resolved_amsl_m: null } : altitude;
 }
 
@@ -114,7 +119,21 @@ export function moveHomeOrArea<D extends DocumentAreas>(plan: D, id: string, pos
 }
 
 export function insertItem(plan: Plan, row: number, item: Item): Plan {
-  return shiftJumps({ ...plan, items: [...plan.items.slice(0, row), item, ...plan.items.slice(row)] }, (target) => (target >= row ? target + 1 : target), row);
+  return replaceRows(plan, row, 0, [item]);
+}
+
+/** Replaces some rows by others; jumps keep their targets. */
+export function replaceRows(plan: Plan, row: number, count: number, items: readonly Item[]): Plan {
+  const next = [...plan.items.slice(0, row), ...items, ...plan.items.slice(row + count)];
+  const inserted = new Set(items.map((_, i) => row + i));
+  const newRow = (old: number): number => (old < row ? old : old < row + count && items.length > 0 ? row : Math.max(row, old + items.length - count));
+  return retarget(plan, next, newRow, count === 0 ? inserted : new Set());
+}
+
+/** Replaces a pattern by its mission items, which are then ordinary ones. */
+export function takeApart(plan: Plan, row: number): Plan {
+  const item = plan.items[row];
+  return isPatternItem(item) ? replaceRows(plan, row, 1, item.items) : plan;
 }
 
 /** Kinds of items that end the flight; no item is added after them. */
@@ -131,9 +150,7 @@ export function insertionRow(plan: Plan, selected: readonly string[]): number {
 
 /** Inserts several items, for example those of a pattern; jumps keep their targets. */
 export function insertItems(plan: Plan, row: number, items: readonly Item[]): Plan {
-  const { length } = items;
-  const shiftedPlan = shiftJumps(plan, (target) => (target >= row ? target + length : target));
-  return { ...shiftedPlan, items: [...shiftedPlan.items.slice(0, row), ...items, ...shiftedPlan.items.slice(row)] };
+  return replaceRows(plan, row, 0, items);
 }
 
 export function insertCorner<D extends DocumentAreas>(plan: D, index: number, corner: number, position: GeoPosition): D {
@@ -161,13 +178,10 @@ export function remove(plan: Plan, ids: readonly string[]): Plan {
   const rows = new Set(refs.flatMap((ref) => (ref.type === 'item' ? [ref.row] : [])));
   const rallies = new Set(refs.flatMap((ref) => (ref.type === 'rally' ? [ref.index] : [])));
   const remainingRows = plan.items.map((_, row) => row).filter((row) => !rows.has(row));
-  const next = {
-    ...removeHomeAndAreas(plan, ids),
-    items: plan.items.filter((_, row) => !rows.has(row)),
-    rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)),
-  };
+  const items = plan.items.filter((_, row) => !rows.has(row));
   // A jump to a removed item now goes to the next remaining item.
-  return shiftJumps(next, (target) => (target >= plan.items.length ? target : remainingRows.filter((row) => row < target).length));
+  const next = retarget(plan, items, (target) => remainingRows.filter((row) => row < target).length);
+  return { ...removeHomeAndAreas(next, ids), rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)) };
 }
 
 /** Removes home, corners and circles of the geofence, and corners of obstacles. */
@@ -213,20 +227,38 @@ export function reorder(plan: Plan, rows: readonly number[], targetRow: number):
   const movedRows = allRows.filter((row) => movedRowSet.has(row));
   const newOrder = [...rowsBefore, ...movedRows, ...rowsAfter];
   const items = newOrder.flatMap((row) => plan.items[row] ?? []);
-  const result = shiftJumps({ ...plan, items }, (target) => (newOrder.includes(target) ? newOrder.indexOf(target) : target));
+  const result = retarget(plan, items, (target) => newOrder.indexOf(target));
   return { plan: result, rows: movedRows.map((row) => newOrder.indexOf(row)) };
 }
 
 /**
- * Adapts the target indexes of jumps when rows are inserted, removed or moved. Jumps of a plan with patterns are not
- * changed, because their targets count the items of a pattern one by one.
- * @param insertedRow row of a jump that was just inserted and keeps its target.
+ * The plan with other rows, whose jumps have the same targets. A target is the index of a mission item; a pattern is one
+ * row with several. A jump into a pattern goes to the same item of it, or if the pattern has changed to its first one.
+ * @param newRow the new row of an old row.
+ * @param untouched new rows whose jumps already have their new targets.
  */
-function shiftJumps(plan: Plan, newTarget: (target: number) => number, insertedRow = -1): Plan {
-  if (!plan.items.some((item) => item.kind === 'jump') || plan.items.some((item) => item.kind === 'complex')) return plan;
-  const items = plan.items.map((item, row) => {
+function retarget(plan: Plan, items: readonly Item[], newRow: (row: number) => number, untouched: ReadonlySet<number> = new Set()): Plan {
+  if (!items.some((item) => item.kind === 'jump')) return { ...plan, items };
+  const [oldStarts, newStarts] = [startsOf(plan.items), startsOf(items)];
+  const total = oldStarts.at(-1) ?? 0;
+  const newTarget = (target: number): number => {
+    if (target >= total) return target;
+    const row = oldStarts.filter((start) => start <= target).length - 1;
+    const [before, after] = [plan.items[row], items[newRow(row)]];
+    const keepsItem = before !== undefined && after !== undefined && itemsOfRow(before).length === itemsOfRow(after).length;
+    return (newStarts[newRow(row)] ?? 0) + (keepsItem ? target - (oldStarts[row] ?? 0) : 0);
+  };
+  const next = items.map((item, row) => {
     const target = item['target_index'];
-    return item.kind === 'jump' && row !== insertedRow && typeof target === 'number' ? { ...item, target_index: newTarget(target) } : item;
+    return item.kind === 'jump' && !untouched.has(row) && typeof target === 'number' ? { ...item, target_index: newTarget(target) } : item;
   });
-  return { ...plan, items };
+  return { ...plan, items: next };
+}
+
+/** Index of each row's first mission item, and at the end their number. */
+function startsOf(items: readonly Item[]): number[] {
+  const starts = [0];
+  let count = 0;
+  for (const item of items) starts.push((count += itemsOfRow(item).length));
+  return starts;
 }

@@ -9,7 +9,7 @@ import type { Item, ItemKind } from './document';
 
 type ApiItem = components['schemas']['Plan']['items'][number];
 /** Kinds with fields of their own; `command` and `complex` are kept unchanged. */
-export type EditableKind = Exclude<ItemKind, 'command' | 'complex'>;
+export type EditableKind = Exclude<ItemKind, 'command' | 'complex' | 'pattern'>;
 type CommonField = 'kind' | 'autocontinue' | 'spare_params' | 'original' | 'lat_deg' | 'lon_deg' | 'altitude';
 type OwnField<K extends EditableKind> = Exclude<keyof Extract<ApiItem, { kind: K }>, CommonField>;
 

@@ -2,7 +2,8 @@
 
 import { fixed } from '../../../ui/format';
 import type { GeoPosition } from '../../../vehicle/geo';
-import { isPlaced, ROI_KINDS, type Altitude, type Item, type ItemKind, type AltitudeReference } from './document';
+import { isPatternItem, isPlaced, ROI_KINDS, type Altitude, type Item, type ItemKind, type AltitudeReference, type Pattern } from './document';
+import { altitudeOf, isStale } from './pattern-items';
 import { optionText, specsOf, type EditableKind } from './item-fields';
 
 const TITLES: Readonly<Record<ItemKind, string>> = {
@@ -46,6 +47,16 @@ const TITLES: Readonly<Record<ItemKind, string>> = {
   digicam: 'Take a photo (older command)',
   command: 'Other command',
   complex: 'Pattern',
+  pattern: 'Pattern',
+};
+
+/** Names of the patterns. */
+export const PATTERN_TITLES: Readonly<Record<Pattern['kind'], string>> = {
+  survey: 'Survey',
+  corridor: 'Corridor',
+  perimeter: 'Perimeter',
+  orbit: 'Orbit around a point',
+  structure: 'Structure scan',
 };
 
 const REFERENCE_TEXTS: Readonly<Record<AltitudeReference, string>> = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' };
@@ -58,6 +69,7 @@ export function altitudeText(altitude: Altitude): string {
 
 export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: unknown }): string {
   if (item.kind === 'complex') return `Pattern (${String(item['complex_type'])})`;
+  if (item.kind === 'pattern') return PATTERN_TITLES[(item['pattern'] as Pattern).kind];
   if (item.kind === 'trigger_distance' && item['distance_m'] === 0) return 'Stop taking photos';
   if (item.kind === 'command') return `MAV_CMD ${String(item['command'])}`;
   return TITLES[item.kind];
@@ -88,6 +100,7 @@ export function detailOf(item: Item): string {
     if (value !== null && value !== 0) parts.push(text(value));
   };
   if (isPlaced(item)) parts.push(altitudeText(item.altitude));
+  if (isPatternItem(item)) parts.push(altitudeText(altitudeOf(item.pattern)), isStale(item) ? 'making the lines …' : `${item.items.length} items`);
   if (item.kind === 'complex') parts.push(`${item.items?.length ?? 0} items, made by another program`);
   if (item.kind === 'jump')
     parts.push(

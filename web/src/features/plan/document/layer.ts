@@ -2,9 +2,23 @@
 
 import type { LayerArea, LayerLine, LayerContent, LayerPoint, LayerPosition, LayerSolid, Tone } from '../../../app/map-layers.svelte';
 import type { GeoPosition } from '../../../vehicle/geo';
-import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, flownItems, type Altitude, type FenceZone, type Plan, type DocumentAreas } from './document';
+import {
+  alt_amsl_m,
+  isFlownTo,
+  isPlaced,
+  obstaclesOf,
+  flownItems,
+  isGroup,
+  isPatternItem,
+  anchorOf,
+  type Altitude,
+  type FenceZone,
+  type Plan,
+  type DocumentAreas,
+} from './document';
 import { midpoint } from './edit';
 import { altitudeText } from './items';
+import { ringsOf } from './pattern-items';
 
 /** Above this number of flown items, midpoints are shown only beside the selection. */
 const MAX_MIDPOINTS = 60;
@@ -44,18 +58,20 @@ export function planLayer(plan: Plan, selected: ReadonlySet<string>, sketch: Ske
   const showsAllMidpoints = items.length <= MAX_MIDPOINTS;
   items.forEach(({ row, item }, i) => {
     const previous = items[i - 1];
-    if (previous === undefined || plan.items[row]?.kind === 'complex' || previous.row === row) return;
+    if (previous === undefined || isGroup(plan.items[row]) || previous.row === row) return;
     if (showsAllMidpoints || selected.has(`item:${row}`) || selected.has(`item:${previous.row}`))
       add(`middle:${row}`, midpoint(withAltitude(previous.item), withAltitude(item)), 'midpoint', 'target');
   });
   plan.rally_points.forEach((point, index) => add(`rally:${index}`, withAltitude(point), 'disc', 'actual', 'R', altitudeText(point.altitude)));
   if (plan.planned_home !== null) add('home', { ...plan.planned_home, alt_amsl_m: start.alt_amsl_m }, 'home', 'text2');
   plan.items.forEach((item, row) => {
+    const anchor = isPatternItem(item) ? anchorOf(item) : null;
+    if (anchor !== null) add(`item:${row}`, withAltitude(anchor), 'disc', 'target', String(row + 1), altitudeText(anchor.altitude));
     if (!isPlaced(item)) return;
     const isFlown = isFlownTo(item);
     add(`item:${row}`, withAltitude(item), isFlown ? 'disc' : 'cross', 'target', isFlown ? String(row + 1) : '', altitudeText(item.altitude));
   });
-  return { points, lines: [...areaLines, ...pathLines(plan, withAltitude, start), ...sketchLines(sketch)], areas, solids, ground: start };
+  return { points, lines: [...areaLines, ...outlines(plan), ...pathLines(plan, withAltitude, start), ...sketchLines(sketch)], areas, solids, ground: start };
 }
 
 /** @returns a function that adds a point to `points`. The editor can raise and lower only points that were added with a text of the altitude. */
@@ -132,6 +148,15 @@ export function ringOf(zone: FenceZone): GeoPosition[] {
     const angle = (i / CIRCLE_CORNERS) * 2 * Math.PI;
     return { lat_deg: lat_deg + north_deg * Math.cos(angle), lon_deg: lon_deg + east_deg * Math.sin(angle) };
   });
+}
+
+/** The areas and lines from which patterns are made. */
+function outlines(plan: Plan): LayerLine[] {
+  return plan.items.filter(isPatternItem).flatMap(({ pattern }) =>
+    ringsOf(pattern)
+      .filter((ring) => ring.length > 1)
+      .map((ring): LayerLine => ({ positions: pattern.kind === 'corridor' ? ring : [...ring, ...ring.slice(0, 1)], tone: 'actual', style: 'dashed' })),
+  );
 }
 
 function pathLines(

@@ -12,11 +12,13 @@ import {
   type FenceZone,
   type PlannedHome,
   type ItemKind,
+  type PatternItem,
   type Plan,
 } from '../document/document';
 import * as planEdit from '../document/edit';
 import * as history from '../document/document';
 import { newItem, titleOf } from '../document/items';
+import { withItems } from '../document/pattern-items';
 import * as documents from '../document-kinds';
 import type { Document } from '../document-kinds';
 import type { Sketch } from '../document/layer';
@@ -95,6 +97,18 @@ export class PlanEditor implements LayerEditor {
   /** @param group changes of one group are undone together. */
   change(plan: Document, group: string | null = null): void {
     this.history = history.change(this.history, plan === this.document ? this.draft : { ...this.draft, plan }, group);
+  }
+
+  /**
+   * Puts the items that the server has made of a pattern into the plan, without a step of the history.
+   * @returns false: the plan no longer contains this pattern, or the server made no items.
+   */
+  completePattern(item: PatternItem, source: Document): boolean {
+    const row = this.plan.items.indexOf(item);
+    const made = withItems(item, isMission(source) ? undefined : source.items[0]);
+    if (row < 0 || made === null) return false;
+    this.history = history.amend(this.history, { ...this.draft, plan: planEdit.replaceRows(this.plan, row, 1, [made]) });
+    return true;
   }
 
   /** Makes a change after which the selected ids may no longer be valid, and clears the selection. */

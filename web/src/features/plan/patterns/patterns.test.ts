@@ -2,14 +2,16 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { positionAt } from '../../../vehicle/geo';
 import { PlanApi } from '../api';
-import { EMPTY_PLAN, type Altitude } from '../document/document';
+import { EMPTY_PLAN, isPatternItem, type Altitude, type Item, type Pattern } from '../document/document';
+import { isStale, ringsOf } from '../document/pattern-items';
 import { PlanEditor } from '../editor/editor.svelte';
 import { newItem } from '../document/items';
 import { GROUND_TOLERANCE_M, PatternDrawing } from './drawing.svelte';
 import { areaText, figuresOf } from './shape';
 import { linesOnPath, patternLayer } from './pattern-layer';
 import { PATTERN_KINDS, missingPoints, pointChoices, PATTERNS, rectangle, usableRings, type PatternKind } from './shape';
-import { DEFAULT_VALUES, problemPlaceOf, requestOf, sectionsOf, withRow, type PatternValues, type RowName } from './values';
+import { PatternUpdates } from './updates.svelte';
+import { DEFAULT_VALUES, problemPlaceOf, requestOf, sectionsOf, valuesOf, withRow, type PatternValues, type RowName } from './values';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
@@ -56,6 +58,134 @@ function drawingWith(kind: PatternKind, ...responses: readonly FakeResponse[]) {
   drawing.begin(kind);
   return { drawing, editor, requests, storage, api };
 }
+
+/** A survey of AREA in a plan, with its items, between a take-off and a jump to the landing. */
+const SURVEY: Pattern = (() => {
+  const made = requestOf('survey', [AREA], DEFAULT_VALUES);
+  if (!made.ok) throw new Error(made.problem.text);
+  return made.pattern;
+})();
+const surveyItem = (items_key: string, items: readonly Item[] = WAYPOINTS): Item => ({ kind: 'pattern', pattern: SURVEY, items, items_key, original: null });
+const answer = (items_key: string, count: number): FakeResponse => [
+  200,
+  {
+    ...GENERATED,
+    plan: {
+      ...EMPTY_PLAN,
+      items: [
+        surveyItem(
+          items_key,
+          Array.from({ length: count }, () => WAYPOINTS[0] as Item),
+        ),
+      ],
+    },
+  },
+];
+
+function editing(...responses: readonly FakeResponse[]) {
+  const made = drawingWith('survey', ...responses);
+  const { editor, drawing, api } = made;
+  drawing.cancel();
+  const jump: Item = { ...newItem('jump', null, AT_40_M), target_index: 3, repeat: 1 };
+  editor.change({ ...editor.plan, items: [newItem('takeoff', HOME, AT_40_M), surveyItem('k1'), newItem('land', HOME, AT_40_M), jump] });
+  const survey = () => {
+    const item = editor.plan.items[1];
+    if (!isPatternItem(item)) throw new Error('no pattern');
+    return item;
+  };
+  return { ...made, survey, updates: new PatternUpdates(new PlanApi(api), editor) };
+}
+
+describe('a pattern of the plan', () => {
+  it('is edited by its form: each change is a change of the plan, and its lines follow', async () => {
+    const { drawing, editor, survey, requests } = editing(answer('k1', 2), answer('k2', 5));
+    drawing.edit(1);
+    expect([drawing.kind, drawing.rings, drawing.values.heading_deg]).toEqual(['survey', [AREA], null]);
+    await drawing.refresh();
+    expect([survey().items.length, isStale(survey())]).toEqual([2, false]); // the preview changes nothing
+    drawing.set('heading_deg', 30);
+    expect(survey().pattern).toMatchObject({ heading_deg: 30 });
+    expect(isStale(survey())).toBe(true);
+    await drawing.refresh();
+    expect(requests[1]?.body).toMatchObject({ heading_deg: 30 });
+    expect([survey().items.length, isStale(survey())]).toEqual([5, false]);
+    expect(editor.plan.items[3]?.['target_index']).toBe(6); // still the landing
+    editor.undo();
+    drawing.sync();
+    expect([survey().items.length, drawing.values.heading_deg, editor.plan.items[3]?.['target_index']]).toEqual([2, null, 3]);
+    editor.redo();
+    drawing.sync();
+    expect([survey().items.length, drawing.values.heading_deg]).toEqual([5, 30]);
+  });
+
+  it('is changed by a drag of a corner as one step of the history', () => {
+    const { drawing, editor, survey } = editing();
+    drawing.edit(1);
+    drawing.grab('shape:0:2');
+    drawing.drag('shape:0:2', at(60, 90));
+    drawing.drag('shape:0:2', at(70, 95));
+    drawing.drop(true);
+    expect(survey().pattern).toMatchObject({ outer: [AREA[0], AREA[1], at(70, 95), AREA[3]] });
+    editor.undo();
+    expect(survey().pattern).toEqual(SURVEY);
+    drawing.sync();
+    drawing.grab('shape:0:1');
+    drawing.drag('shape:0:1', at(60, 0));
+    drawing.drop(false);
+    expect(survey().pattern).toEqual(SURVEY);
+  });
+
+  it('keeps its lines while its shape is not complete', () => {
+    const { drawing, survey } = editing();
+    drawing.edit(1);
+    for (const index of [3, 2]) {
+      drawing.selectPoint({ ring: 0, index });
+      drawing.remove();
+    }
+    expect(drawing.missingPointCount).toBe(1);
+    expect(survey().pattern).toMatchObject({ outer: AREA.slice(0, 3) });
+  });
+
+  it('is taken apart as one change, with jumps to the same items', () => {
+    const { drawing, editor } = editing();
+    drawing.edit(1);
+    drawing.takeApart();
+    expect(editor.plan.items.map(({ kind }) => kind)).toEqual(['takeoff', 'waypoint', 'waypoint', 'land', 'jump']);
+    expect([drawing.kind, editor.plan.items[4]?.['target_index']]).toEqual([null, 3]);
+    editor.undo();
+    expect(editor.plan.items[1]?.kind).toBe('pattern');
+  });
+
+  it('moves as a whole with its number on the map, and gets its lines from the server', async () => {
+    const { editor, survey, updates, requests } = editing(answer('k3', 3));
+    expect(editor.content.points.find(({ id }) => id === 'item:1')).toMatchObject({ text: '2' });
+    editor.grab('item:1');
+    editor.drag('item:1', at(100, 0));
+    editor.drop(true);
+    expect(survey().pattern).not.toEqual(SURVEY);
+    expect(updates.next).toBe(survey());
+    await updates.update(survey(), null);
+    expect((requests[0]?.body['outer'] as { lat_deg: number }[])[0]?.lat_deg).toBeCloseTo(at(100).lat_deg, 6);
+    expect([survey().items.length, updates.next]).toEqual([3, null]);
+  });
+
+  it('says why it has no lines, and is not requested again until it is changed', async () => {
+    const { editor, survey, updates } = editing([422, { code: 'invalid_request', field: 'outer', detail: 'the area: too small.', remedy: 'Draw it larger.' }]);
+    editor.grab('item:1');
+    editor.drag('item:1', at(100, 0));
+    editor.drop(true);
+    await updates.update(survey(), null);
+    expect([updates.problemOf(survey()), updates.next]).toEqual(['The area: too small. Draw it larger.', null]);
+  });
+
+  it('disappears with an undo of its insertion, and its form with it', () => {
+    const { drawing, editor } = editing();
+    drawing.edit(1);
+    editor.undo();
+    drawing.sync();
+    expect(drawing.kind).toBeNull();
+  });
+});
 
 describe('the shape of a pattern', () => {
   it('is drawn by clicks, corrected by drags and midpoints, and reduced by Delete', () => {
@@ -184,6 +314,8 @@ describe('the settings of a pattern', () => {
           distance_m: 40,
           front_overlap: 0.75,
           side_overlap: 0.65,
+          spacing_m: null,
+          trigger_m: null,
         },
         heading_deg: 30,
         turnaround_m: 0,
@@ -206,8 +338,39 @@ describe('the settings of a pattern', () => {
   });
 
   it('all have a row in the form of at least one pattern', () => {
-    const shown = new Set(PATTERN_KINDS.flatMap((kind) => sectionsOf(kind, DEFAULT_VALUES)).flatMap(({ rows }) => rows.map(({ name }) => name)));
-    expect([...shown].sort()).toEqual([...Object.keys(DEFAULT_VALUES), 'camera'].sort());
+    const forms = [DEFAULT_VALUES, { ...DEFAULT_VALUES, has_camera: false }];
+    const shown = new Set(
+      forms.flatMap((values) => PATTERN_KINDS.flatMap((kind) => sectionsOf(kind, values))).flatMap(({ rows }) => rows.map(({ name }) => name)),
+    );
+    // “has_camera” is one of the choices of “camera”
+    expect([...shown, 'has_camera'].sort()).toEqual([...Object.keys(DEFAULT_VALUES), 'camera'].sort());
+  });
+
+  it('are those of a pattern of the plan again', () => {
+    const other: PatternValues = {
+      ...DEFAULT_VALUES,
+      altitude_m: 33,
+      front_percent: 57,
+      side_percent: 29,
+      orientation: 'portrait',
+      heading_deg: 12,
+      layers: 3,
+      entrance_m: 45,
+      order: 'down',
+      rounds: 2,
+      direction: 'counterclockwise',
+    };
+    for (const values of [
+      other,
+      { ...other, distance_m: 20 },
+      { ...other, has_camera: false, spacing_m: 9, trigger_m: 0 },
+      { ...other, looks_at_center: false },
+    ])
+      for (const kind of PATTERN_KINDS) {
+        const made = requestOf(kind, [AREA], values);
+        if (!made.ok) throw new Error(made.problem.text);
+        expect(requestOf(kind, ringsOf(made.pattern), valuesOf(made.pattern, DEFAULT_VALUES)), kind).toEqual(made);
+      }
   });
 
   it('show a camera of the list, or "other" for other values', () => {

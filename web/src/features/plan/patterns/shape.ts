@@ -2,11 +2,11 @@
 
 import type { GeneratedPattern } from '../api';
 import { durationText, fixed, metres } from '../../../ui/format';
-import type { components } from '../../../api/schema';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
+import type { Pattern } from '../document/document';
 import { midpoint } from '../document/edit';
+import { PATTERN_TITLES } from '../document/items';
 
-export type Pattern = components['schemas']['SurveyPattern' | 'CorridorPattern' | 'PerimeterPattern' | 'OrbitPattern' | 'StructurePattern'];
 export type PatternKind = Pattern['kind'];
 export type ShapeKind = 'area' | 'line' | 'point';
 
@@ -22,18 +22,24 @@ export interface PatternType {
 }
 
 export const PATTERNS: Readonly<Record<PatternKind, PatternType>> = {
-  survey: { title: 'Survey', noun: 'survey', shape: 'area', hint: 'Parallel lines over an area, with overlapping photos.', spacingLabel: 'Line spacing' },
+  survey: {
+    title: PATTERN_TITLES.survey,
+    noun: 'survey',
+    shape: 'area',
+    hint: 'Parallel lines over an area, with overlapping photos.',
+    spacingLabel: 'Line spacing',
+  },
   corridor: {
-    title: 'Corridor',
+    title: PATTERN_TITLES.corridor,
     noun: 'corridor',
     shape: 'line',
     hint: 'Parallel lines along a road, a river or a power line, with photos.',
     spacingLabel: 'Line spacing',
   },
-  perimeter: { title: 'Perimeter', noun: 'perimeter', shape: 'area', hint: 'Rounds along the edge of an area.', spacingLabel: 'Line spacing' },
-  orbit: { title: 'Orbit around a point', noun: 'orbit', shape: 'point', hint: 'Circles around a point.', spacingLabel: 'Line spacing' },
+  perimeter: { title: PATTERN_TITLES.perimeter, noun: 'perimeter', shape: 'area', hint: 'Rounds along the edge of an area.', spacingLabel: 'Line spacing' },
+  orbit: { title: PATTERN_TITLES.orbit, noun: 'orbit', shape: 'point', hint: 'Circles around a point.', spacingLabel: 'Line spacing' },
   structure: {
-    title: 'Structure scan',
+    title: PATTERN_TITLES.structure,
     noun: 'structure scan',
     shape: 'area',
     hint: 'Rounds around a structure at several heights, with photos of its sides.',

@@ -1,10 +1,10 @@
 /** The settings of patterns: their rows in the form, and their conversion to the API's format. Pure functions. */
 
 import type { GeoPosition } from '../../../vehicle/geo';
-import type { Altitude, AltitudeReference } from '../document/document';
+import type { Altitude, AltitudeReference, Pattern } from '../document/document';
 import { REFERENCE_CHOICES } from '../document/items';
 import { boundsOf, inPercent, quantityOf, type FieldValue, type ShownField } from '../../../vehicle/fields';
-import type { Pattern, PatternKind, Rings } from './shape';
+import type { PatternKind, Rings } from './shape';
 
 /** The values of the settings of all patterns. Overlaps are in per cent here, and fractions in the API. */
 export interface PatternValues {
@@ -12,6 +12,11 @@ export interface PatternValues {
   readonly reference: AltitudeReference;
   /** Distance from the camera to the ground; null: equal to the altitude. */
   readonly distance_m: number | null;
+  /** Null: no camera, the distances between lines and photos are entered. */
+  readonly has_camera: boolean;
+  readonly spacing_m: number;
+  /** Distance between photos; 0: no photos. */
+  readonly trigger_m: number;
   /** Overlap of photos along a line. */
   readonly front_percent: number;
   /** Overlap of photos of neighbouring lines. */
@@ -47,6 +52,10 @@ export interface PatternValues {
   /** Order of the rounds. */
   readonly order: 'up' | 'down';
   readonly gimbal_pitch_deg: number;
+  /** Null: as many as cover the height. */
+  readonly layers: number | null;
+  /** Altitude at which the vehicle comes and leaves; null: the rounds begin and end the pattern. */
+  readonly entrance_m: number | null;
 }
 export type ValueName = keyof PatternValues;
 export type RowName = ValueName | 'camera';
@@ -82,6 +91,9 @@ export const DEFAULT_VALUES: PatternValues = {
   altitude_m: 40,
   reference: 'home',
   distance_m: null,
+  has_camera: true,
+  spacing_m: 20,
+  trigger_m: 10,
   front_percent: 75,
   side_percent: 65,
   orientation: 'landscape',
@@ -104,6 +116,8 @@ export const DEFAULT_VALUES: PatternValues = {
   structure_distance_m: 10,
   order: 'up',
   gimbal_pitch_deg: 0,
+  layers: null,
+  entrance_m: null,
 };
 
 type FieldSpec = Omit<ShownField, 'value'>;
@@ -122,6 +136,9 @@ const FIELD_SPECS: Readonly<Record<ValueName, FieldSpec>> = {
   altitude_m: numberSpec('Altitude', 'altitude_m', 'Altitude', {}, 'value_m'),
   reference: choiceSpec('Reference', REFERENCE_CHOICES),
   distance_m: numberSpec('Distance from camera to ground', 'distance_m', 'PhotoCoverage', { placeholder: 'same as altitude' }),
+  has_camera: { label: 'Camera', type: 'switch' },
+  spacing_m: numberSpec('Distance between lines', 'spacing_m', 'PhotoCoverage'),
+  trigger_m: numberSpec('Distance between photos (0: none)', 'trigger_m', 'PhotoCoverage'),
   front_percent: numberSpec('Front overlap', 'front_percent', 'PhotoCoverage', {}, 'front_overlap'),
   side_percent: numberSpec('Side overlap', 'side_percent', 'PhotoCoverage', {}, 'side_overlap'),
   orientation: choiceSpec('Camera orientation', choicesOf({ landscape: 'landscape', portrait: 'portrait' })),
@@ -146,10 +163,16 @@ const FIELD_SPECS: Readonly<Record<ValueName, FieldSpec>> = {
   height_m: numberSpec('Height of the structure', 'height_m', 'kind_structure'),
   lowest_m: numberSpec('Lowest round above base', 'lowest_m', 'kind_structure'),
   structure_distance_m: numberSpec('Distance to the sides', 'structure_distance_m', 'PhotoCoverage', {}, 'distance_m'),
+  layers: numberSpec('Number of rounds', 'layers', 'kind_structure', { ...WHOLE, placeholder: 'as needed' }),
+  entrance_m: numberSpec('Altitude of entry and exit', 'entrance_m', 'Altitude', { placeholder: 'none' }, 'value_m'),
   order: choiceSpec('Order', choicesOf({ up: 'from the bottom', down: 'from the top' })),
   gimbal_pitch_deg: numberSpec('Gimbal pitch', 'gimbal_pitch_deg', 'kind_structure', { min: -90, max: 90 }),
 };
-const INTEGER_FIELDS: ReadonlySet<ValueName> = new Set(['rounds', 'image_width_px', 'image_height_px']);
+const INTEGER_FIELDS: ReadonlySet<ValueName> = new Set(['rounds', 'layers', 'image_width_px', 'image_height_px']);
+
+/** Rows that a camera's data belong to; without a camera, the distances are entered. */
+const CAMERA_ROWS: readonly RowName[] = ['orientation', 'front_percent', 'side_percent', ...CAMERA_FIELDS];
+const NO_CAMERA = 'none: distances by hand';
 
 interface SectionSpec {
   readonly title: string;
@@ -158,7 +181,10 @@ interface SectionSpec {
   readonly folded?: boolean;
 }
 const CAMERA_DATA_SECTION: SectionSpec = { title: 'Camera data', rows: CAMERA_FIELDS, folded: true };
-const photoSection = (...rows: RowName[]): SectionSpec => ({ title: 'Photos', rows: ['camera', ...rows, 'front_percent', 'side_percent'] });
+const photoSection = (...rows: RowName[]): SectionSpec => ({
+  title: 'Photos',
+  rows: ['camera', 'spacing_m', 'trigger_m', ...rows, 'front_percent', 'side_percent'],
+});
 const ALTITUDE_ROWS: readonly RowName[] = ['altitude_m', 'reference'];
 const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
   survey: [
@@ -180,8 +206,8 @@ const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
   ],
   structure: [
     { title: 'Structure', rows: ['base_m', 'reference', 'height_m'] },
-    { title: 'Rounds', rows: ['structure_distance_m', 'lowest_m', 'order', 'gimbal_pitch_deg'] },
-    photoSection(),
+    { title: 'Rounds', rows: ['structure_distance_m', 'lowest_m', 'layers', 'order', 'gimbal_pitch_deg', 'entrance_m'] },
+    photoSection('orientation'),
     CAMERA_DATA_SECTION,
   ],
 };
@@ -196,24 +222,33 @@ export interface Section extends Omit<SectionSpec, 'rows'> {
 
 /** The form of a pattern. */
 export function sectionsOf(kind: PatternKind, values: PatternValues): Section[] {
+  const hidden: ReadonlySet<RowName> = new Set([
+    ...(values.looks_at_center ? [] : (['look_at_m'] as const)),
+    ...(values.has_camera ? (['spacing_m', 'trigger_m'] as const) : CAMERA_ROWS),
+  ]);
   return SECTIONS[kind].map((section) => ({
     ...section,
     rows: section.rows
-      .filter((name) => name !== 'look_at_m' || values.looks_at_center)
+      .filter((name) => !hidden.has(name))
       .map((name): Row => ({ name, field: name === 'camera' ? cameraField(values) : { ...FIELD_SPECS[name], value: values[name] } })),
   }));
 }
 
 function cameraField(values: PatternValues): ShownField {
   const cameraName = Object.entries(CAMERAS).find(([, data]) => CAMERA_FIELDS.every((name) => data[name] === values[name]))?.[0];
-  const names = [...Object.keys(CAMERAS), ...(cameraName === undefined ? ['other'] : [])];
-  return { label: 'Camera', type: 'choice', value: cameraName ?? 'other', options: names.map((value) => ({ value, text: value })) };
+  const names = [...Object.keys(CAMERAS), ...(cameraName === undefined ? ['other'] : []), NO_CAMERA];
+  return {
+    label: 'Camera',
+    type: 'choice',
+    value: values.has_camera ? (cameraName ?? 'other') : NO_CAMERA,
+    options: names.map((value) => ({ value, text: value })),
+  };
 }
 
 /** The values after a row was edited. */
 export function withRow(values: PatternValues, name: RowName, value: FieldValue): PatternValues {
-  if (name === 'camera') return { ...values, ...CAMERAS[String(value)] };
-  return { ...values, [name]: INTEGER_FIELDS.has(name) ? Math.round(Number(value)) : value };
+  if (name === 'camera') return { ...values, has_camera: value !== NO_CAMERA, ...CAMERAS[String(value)] };
+  return { ...values, [name]: INTEGER_FIELDS.has(name) && value !== null ? Math.round(Number(value)) : value };
 }
 
 /** The values with the camera that was stored in the browser; an invalid camera is ignored. */
@@ -249,9 +284,14 @@ export function requestOf(kind: PatternKind, rings: Rings, values: PatternValues
   return { ok: true, pattern: patternOf(kind, firstRing, holes, values, altitude, coverage) };
 }
 
-type Coverage = ReturnType<typeof coverageOf>;
-function coverageOf(values: PatternValues, distance_m: number) {
+type Coverage = Extract<Pattern, { kind: 'survey' }>['coverage'];
+function coverageOf(values: PatternValues, distance_m: number): Coverage {
+  const { spacing_m, trigger_m, has_camera } = values;
+  const overlaps = { front_overlap: DEFAULT_VALUES.front_percent / 100, side_overlap: DEFAULT_VALUES.side_percent / 100 };
+  if (!has_camera) return { camera: null, distance_m, spacing_m, trigger_m, ...overlaps };
   return {
+    spacing_m: null,
+    trigger_m: null,
     camera: { ...cameraOf(values), landscape: values.orientation === 'landscape' },
     distance_m,
     front_overlap: values.front_percent / 100,
@@ -285,10 +325,53 @@ function patternOf(
     }
     case 'structure': {
       const base = { value_m: values.base_m, reference: values.reference };
-      const { height_m, lowest_m, gimbal_pitch_deg } = values;
-      return { kind, outline: firstRing, coverage, base, height_m, lowest_m, from_top: values.order === 'down', gimbal_pitch_deg };
+      const { height_m, lowest_m, gimbal_pitch_deg, layers, entrance_m } = values;
+      const entrance = entrance_m === null ? null : { value_m: entrance_m, reference: values.reference };
+      return { kind, outline: firstRing, coverage, base, height_m, lowest_m, from_top: values.order === 'down', gimbal_pitch_deg, layers, entrance };
     }
   }
+}
+
+/** The values of the form for a pattern; values that the pattern does not have stay. */
+export function valuesOf(pattern: Pattern, values: PatternValues): PatternValues {
+  switch (pattern.kind) {
+    case 'survey':
+    case 'corridor': {
+      const { altitude, coverage, turnaround_m = 0 } = pattern;
+      const isSame = coverage.distance_m === altitude.value_m && altitude.reference !== 'amsl';
+      const own =
+        pattern.kind === 'corridor'
+          ? { width_m: pattern.width_m }
+          : { heading_deg: pattern.heading_deg ?? null, crosshatch: pattern.crosshatch ?? false, speed_m_s: pattern.speed_m_s ?? null };
+      return { ...withCoverage(values, coverage), ...altitudeValues(altitude), turnaround_m, ...own, distance_m: isSame ? null : coverage.distance_m };
+    }
+    case 'perimeter':
+      return { ...values, ...altitudeValues(pattern.altitude), offset_m: pattern.offset_m ?? 0, rounds: pattern.rounds ?? 1 };
+    case 'orbit': {
+      const { radius_m, rounds = 1, start_deg = 0, look_at } = pattern;
+      const camera = { looks_at_center: look_at != null, look_at_m: look_at?.value_m ?? values.look_at_m };
+      const direction = (pattern.clockwise ?? true) ? 'clockwise' : 'counterclockwise';
+      return { ...values, ...altitudeValues(pattern.altitude), radius_m, rounds, start_deg, direction, ...camera };
+    }
+    case 'structure': {
+      const { base, height_m, lowest_m = 3, gimbal_pitch_deg = 0, layers = null, entrance, coverage } = pattern;
+      const rounds = { base_m: base.value_m, reference: base.reference, height_m, lowest_m, gimbal_pitch_deg, layers, entrance_m: entrance?.value_m ?? null };
+      const order = (pattern.from_top ?? false) ? 'down' : 'up';
+      return { ...withCoverage(values, coverage), ...rounds, order, structure_distance_m: coverage.distance_m };
+    }
+  }
+}
+
+function altitudeValues(altitude: Altitude): Pick<PatternValues, 'altitude_m' | 'reference'> {
+  return { altitude_m: altitude.value_m, reference: altitude.reference };
+}
+
+function withCoverage(values: PatternValues, { camera, spacing_m, trigger_m, front_overlap, side_overlap }: Coverage): PatternValues {
+  if (camera == null) return { ...values, has_camera: false, spacing_m: spacing_m ?? values.spacing_m, trigger_m: trigger_m ?? 0 };
+  const { landscape = true, ...data } = camera;
+  const percent = (share: number): number => Number((share * 100).toFixed(6));
+  const overlaps = { front_percent: percent(front_overlap ?? 0.75), side_percent: percent(side_overlap ?? 0.65) };
+  return { ...values, has_camera: true, ...data, ...overlaps, orientation: landscape ? 'landscape' : 'portrait' };
 }
 
 /** Prefixes of API field paths, each with the row beside which a problem is shown. The first match applies. */
@@ -300,6 +383,7 @@ const API_FIELDS: readonly (readonly [string, ProblemPlace])[] = [
   ['altitude', 'altitude_m'],
   ['look_at', 'look_at_m'],
   ['base', 'base_m'],
+  ['entrance', 'entrance_m'],
   ['outer', 'shape'],
   ['holes', 'shape'],
   ['points', 'shape'],
