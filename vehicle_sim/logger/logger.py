@@ -222,7 +222,7 @@ class Logger:
             return
         self.path, self.written_bytes, self.started_at_us = path, 0, now_us
         profile = self._view.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
-        recorder = self._recorders.for_profile(profile)
+        recorder = self._recorders.for_profile(profile, self._view.px4.name)
         self._next_check_us = now_us + CHECK_EVERY_US
         self._pending = [ulog.header(now_us), ulog.flag_bits(), *self._info_messages()]
         layouts = [topic.layout for topic in recorder.topics] + list(self._states.layouts)

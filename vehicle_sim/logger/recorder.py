@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.simulation import Simulation
-from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, Period, Source
+from vehicle_sim.topics.arrays import ArrayTopic, Period, Source, array_topics
 
 BLOCK_MS = 400
 """Samples are collected for this time before they are written."""
@@ -131,10 +131,10 @@ class _Group:
 
 
 class Recorder:
-    """Samples all vehicles that use one logging profile."""
+    """Samples all vehicles of one version of PX4 that use one logging profile."""
 
-    def __init__(self, simulation: Simulation, profile: int) -> None:
-        self.topics = tuple(topic for topic in ARRAY_TOPICS if topic.period(profile) is not None)
+    def __init__(self, simulation: Simulation, profile: int, version: str) -> None:
+        self.topics = tuple(topic for topic in array_topics(version) if topic.period(profile) is not None)
         by_period: dict[Period, list[ArrayTopic]] = {}
         for topic in self.topics:
             by_period.setdefault(topic.period(profile) or 0, []).append(topic)
@@ -170,17 +170,18 @@ class Recorder:
 
 
 class Recorders:
-    """One recorder for each profile in use."""
+    """One recorder for each profile and version of PX4 in use."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._by_profile: dict[int, Recorder] = {}
+        self._recorders: dict[tuple[int, str], Recorder] = {}
         self.steps: list[Callable[[int], None]] = []
         """`Recorder.step` of each recorder."""
 
-    def for_profile(self, profile: int) -> Recorder:
-        """The recorder of a profile (SDLOG_PROFILE); created at the first call."""
-        if profile not in self._by_profile:
-            recorder = self._by_profile[profile] = Recorder(self._simulation, profile)
+    def for_profile(self, profile: int, version: str) -> Recorder:
+        """The recorder of a profile (SDLOG_PROFILE) and version; created at the first call."""
+        key = profile, version
+        if key not in self._recorders:
+            recorder = self._recorders[key] = Recorder(self._simulation, *key)
             self.steps.append(recorder.step)
-        return self._by_profile[profile]
+        return self._recorders[key]

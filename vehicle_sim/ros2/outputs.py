@@ -11,7 +11,7 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.ros2.messages import MessageType
 from vehicle_sim.ros2.topics import GIMBAL, STATUS, TIMESYNC, TRIPLET, Output, topics_of
 from vehicle_sim.simulation import Simulation
-from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic
+from vehicle_sim.topics.arrays import ArrayTopic, array_topics
 from vehicle_sim.topics.states import States, StateTopic
 
 TICK_US = 20_000
@@ -119,12 +119,12 @@ class Outputs:
         self._publish, self._offset_us, self._synchronized = publish, offset_us, synchronized
         topics = topics_of(self._view.px4)
         outputs = topics.outputs
-        array_topics = {topic.layout.name: topic for topic in ARRAY_TOPICS}
+        arrays = {topic.layout.name: topic for topic in array_topics(self._view.px4.name)}
         state_topics = {topic.layout.name: topic for topic in states.topics}
         self._arrays = [
-            (_Schedule(output), _ArrayReader(array_topics[output.source], output.message))
+            (_Schedule(output), _ArrayReader(arrays[output.source], output.message))
             for output in outputs
-            if output.source in array_topics
+            if output.source in arrays
         ]
         states_on_dds: list[tuple[_Schedule, StateTopic]] = [
             (_Schedule(output), state_topics[output.source])

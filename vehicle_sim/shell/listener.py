@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vehicle_sim.shell.console import Arguments, Command, CommandFailed, Output, UsageError
-from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, current_values
+from vehicle_sim.topics.arrays import ArrayTopic, array_topics, current_values
 from vehicle_sim.topics.layout import Field, TopicLayout
 from vehicle_sim.topics.states import States, StateTopic
 from vehicle_sim.vehicle_view import VehicleView
@@ -40,7 +40,7 @@ class ListenerCommand:
 
     def __init__(self, view: VehicleView, states: States) -> None:
         self._view = view
-        self._array_topics = {topic.layout.name: topic for topic in ARRAY_TOPICS}
+        self._array_topics = {topic.layout.name: topic for topic in array_topics(view.px4.name)}
         self._state_topics = {topic.layout.name: topic for topic in states.topics}
         self.command = Command(self.run, self.usage)
         self.uorb = Command(self.run_uorb, "status | top")

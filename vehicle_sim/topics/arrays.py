@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from operator import attrgetter
 from typing import Any
 
@@ -240,10 +241,18 @@ _TOPICS: tuple[tuple[str, Mapping[int, Period], Mapping[str, Source | str | floa
 """Name, periods and sources of each topic, ordered by id; a source that is a text is an attribute of the
 simulation."""
 
-ARRAY_TOPICS: tuple[ArrayTopic, ...] = tuple(
-    ArrayTopic(TopicLayout(name, n), periods, {key: _source(value) for key, value in sources.items()})
-    for n, (name, periods, sources) in enumerate(_TOPICS)
-)
+ARRAY_TOPIC_COUNT = len(_TOPICS)
+
+
+@cache
+def array_topics(version: str) -> tuple[ArrayTopic, ...]:
+    """The topics as a version of PX4 ("1.17") has them, ordered by id."""
+    return tuple(
+        ArrayTopic(
+            TopicLayout(name, n, version), periods, {key: _source(value) for key, value in sources.items()}
+        )
+        for n, (name, periods, sources) in enumerate(_TOPICS)
+    )
 
 
 def current_values(topic: ArrayTopic, simulation: Simulation, row: int) -> dict[str, Any]:

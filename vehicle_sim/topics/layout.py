@@ -44,7 +44,8 @@ def _read_fields() -> dict[str, tuple[Field, ...]]:
 
 
 FIELDS = _read_fields()
-"""Fields of each topic, in PX4's order; a line of the file is the format of a topic as in a ULog."""
+"""Fields of each topic, in PX4's order; a line of the file is the format of a topic as in a ULog. A name
+with a version of PX4, as `battery_status 1.17`, has the fields of that version; others are for all versions."""
 
 
 class TopicLayout:
@@ -53,14 +54,15 @@ class TopicLayout:
     Args:
         name: name of the topic; its fields are in `data/topics.txt`.
         msg_id: id of the topic in the log file.
+        version: version of PX4, as "1.17".
         multi_id: instance of the topic.
     """
 
-    def __init__(self, name: str, msg_id: int, multi_id: int = 0) -> None:
+    def __init__(self, name: str, msg_id: int, version: str, multi_id: int = 0) -> None:
         self.name = name
         self.msg_id = msg_id
         self.multi_id = multi_id
-        self.fields = FIELDS[name]
+        self.fields = FIELDS.get(f"{name} {version}", FIELDS[name])
         struct_codes = [f"{field.length or ''}{TYPES[field.type][0]}" for field in self.fields]
         self._struct = struct.Struct("<" + "".join(struct_codes))
         self._header = _DATA_HEADER.pack(self._struct.size + 2, ord("D"), msg_id)

@@ -21,7 +21,7 @@ from vehicle_sim.autopilot.takeoff import TakeoffState
 from vehicle_sim.autopilot.tasks.manual import ALTITUDE_MODES
 from vehicle_sim.external_modes.slots import Controllers
 from vehicle_sim.home import Home
-from vehicle_sim.topics.arrays import ARRAY_TOPICS
+from vehicle_sim.topics.arrays import ARRAY_TOPIC_COUNT
 from vehicle_sim.topics.layout import TopicLayout
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -93,7 +93,7 @@ class States:
         self._arming_reason = self._disarming_reason = 0
         self._mode = self._commander.active
         self.topics = tuple(self._create_topics())
-        self._event_layout = TopicLayout("event", len(ARRAY_TOPICS) + len(self.topics))
+        self._event_layout = TopicLayout("event", ARRAY_TOPIC_COUNT + len(self.topics), self._view.px4.name)
         self._due_ms = [0] * len(self.topics)
         self._next_ms = 0
         self._key_functions = list(dict.fromkeys(topic.key for topic in self.topics if topic.key is not None))
@@ -172,7 +172,7 @@ class States:
              lambda: sticks.received_at_s // STICKS_PERIOD_S if sticks.valid else None),
         )  # fmt: skip
         return [
-            StateTopic(TopicLayout(name, len(ARRAY_TOPICS) + n), every_ms, read, key)
+            StateTopic(TopicLayout(name, ARRAY_TOPIC_COUNT + n, view.px4.name), every_ms, read, key)
             for n, (name, every_ms, read, key) in enumerate(table)
         ]
 

@@ -9,8 +9,11 @@ from pyulog import ULog
 
 from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.fleet import SimulatedFleet
-from vehicle_sim.px4_version import V1_16
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import V1_16, VERSIONS
+from vehicle_sim.ros2.messages import CODES, MESSAGES
 from vehicle_sim.storage.files import VehicleFiles
+from vehicle_sim.topics.layout import TopicLayout
 
 pytestmark = pytest.mark.flight
 
@@ -137,6 +140,44 @@ def test_each_topic_has_the_fields_and_the_rate_of_px4s_log(flight, reference_da
         hz = recorded[name]["hz"]
         if hz is not None and hz >= 5.0 and len(times) > 20:
             assert (len(times) - 1) / ((times[-1] - times[0]) / 1e6) == pytest.approx(hz, rel=0.03), name
+
+
+BRIDGED = {
+    "battery_status": "BatteryStatus", "failsafe_flags": "FailsafeFlags", "home_position": "HomePosition",
+    "sensor_gps": "SensorGps", "vehicle_attitude_setpoint": "VehicleAttitudeSetpoint",
+    "vehicle_control_mode": "VehicleControlMode", "vehicle_gps_position": "SensorGps",
+    "vehicle_land_detected": "VehicleLandDetected", "vehicle_local_position": "VehicleLocalPosition",
+    "vehicle_status": "VehicleStatus",
+}  # fmt: skip
+"""Logged topics that PX4 also bridges to ROS 2, with their types."""
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("topic", BRIDGED)
+def test_a_topic_is_logged_with_the_fields_that_it_has_over_ros2_the_largest_first(topic, version):
+    fields = sorted(MESSAGES[version][BRIDGED[topic]].fields, key=lambda each: -CODES[each.type][1])
+    assert [(each.name, each.length) for each in TopicLayout(topic, 0, version).fields] == [
+        (each.name, each.length) for each in fields
+    ]
+
+
+def test_vehicles_of_two_versions_in_a_fleet_log_the_fields_of_their_own_version(tmp_path):
+    files = [VehicleFiles(tmp_path / version) for version in VERSIONS]
+    stores = [Parameters({"SDLOG_MODE": 2}, px4=px4) for px4 in VERSIONS.values()]
+    sim = SimulatedFleet(2, stores=stores, files=files, log=True, links=())
+    sim.step(2.0)
+    sim.close()
+    old, new = (ULog(str(next((tmp_path / version).rglob("*.ulg")))) for version in VERSIONS)
+    for name, gone, added in (
+        ("battery_status", {"serial_number"}, set()),
+        ("home_position", set(), {"roll", "pitch"}),
+        ("sensor_gps", set(), {"authentication_state", "system_error"}),
+        ("estimator_status_flags", set(), {"cs_gnss_fault", "cs_yaw_manual", "cs_gnss_hgt_fault"}),
+    ):
+        fields, new_fields = (log.get_dataset(name).data.keys() for log in (old, new))
+        assert (fields - new_fields, new_fields - fields) == (gone, added)
+    assert new.get_dataset("battery_status").data["voltage_v"].min() > 14.0
+    assert not new.file_corruption
 
 
 def test_initial_and_changed_parameters_are_logged(flight):

@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, Station
+from vehicle_sim.px4_version import DEFAULT
 from vehicle_sim.shell.commands import BUILT_IN
 from vehicle_sim.shell.console import PROMPT, Console
-from vehicle_sim.topics.arrays import ARRAY_TOPICS
+from vehicle_sim.topics.arrays import array_topics
 
 pytestmark = [pytest.mark.flight, pytest.mark.story]
 
@@ -202,7 +203,7 @@ def test_with_mnt_mode_in_disabled_the_gimbal_does_not_run():
 
 def test_the_listener_shows_every_topic_of_the_logger(terminal):
     state_topics = [topic.layout.name for topic in terminal.station.sim.loggers[0]._states.topics]
-    for name in [topic.layout.name for topic in ARRAY_TOPICS] + state_topics:
+    for name in [topic.layout.name for topic in array_topics(DEFAULT.name)] + state_topics:
         output = terminal.output_of(f"listener {name}")
         assert output.startswith(f"\nTOPIC: {name}\n {name}\n    timestamp: "), name
     q = terminal.station.sim.simulation.estimate.q_ned_frd[0]
