@@ -45,7 +45,7 @@ def _read_fields() -> dict[str, tuple[Field, ...]]:
 
 FIELDS = _read_fields()
 """Fields of each topic, in PX4's order; a line of the file is the format of a topic as in a ULog. A name
-with a version of PX4, as `battery_status 1.17`, has the fields of that version; others are for all versions."""
+with a version of PX4, as `battery_status 1.17`, is for that version, and one without for all others."""
 
 
 class TopicLayout:
