@@ -8,7 +8,7 @@ import { KIND_GROUPS, detailOf, needsPosition, newItem, titleOf } from './items'
 const POSITION = { lat_deg: 47.4, lon_deg: 8.5 };
 const ALTITUDE = { value_m: 30, reference: 'home' } as const;
 const SHARED_FIELDS = ['kind', 'autocontinue', 'spare_params', 'original', 'lat_deg', 'lon_deg', 'altitude'];
-/** PX4 v1.16 refuses to upload a mission that contains one of these. */
+/** PX4 refuses to upload a mission that contains one of these. */
 const REFUSED_KINDS = ['set_servo', 'camera_zoom'];
 
 /** The mission items of the API: kind and fields of each schema that has `spare_params`. */

@@ -138,7 +138,7 @@ export function needsPosition(kind: ItemKind): boolean {
   return KINDS_WITH_POSITION.has(kind);
 }
 
-/** The kinds that can be added, in groups: all except `set_servo` and `camera_zoom`, which PX4 v1.16 refuses. */
+/** The kinds that can be added, in groups: all except `set_servo` and `camera_zoom`, which PX4 refuses. */
 export const KIND_GROUPS: readonly { readonly label: string; readonly folded: boolean; readonly kinds: readonly EditableKind[] }[] = [
   {
     label: 'Movement',
