@@ -21,6 +21,7 @@ from vehicle_sim.geodesy import to_global, to_local
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import V1_16
 from vehicle_sim.sensors.suite import Driver
 
 from .fault_recordings import (
@@ -250,7 +251,7 @@ def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[FaultFlight]:
         seed: seed of the sensor noise.
     """
     count = len(scenarios)
-    stores = [Parameters(scenario.parameters) for scenario in scenarios]
+    stores = [Parameters(scenario.parameters, px4=V1_16) for scenario in scenarios]
     sim = SimulatedFleet(
         count, stores=stores, links=(("gcs", "gcs"),), seed=seed, start_ned_m=np.zeros((count, 3))
     )

@@ -20,6 +20,7 @@ from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import V1_16
 from vehicle_sim.simulation import SimulationOrigin
 
 from .flight_recordings import Recording
@@ -304,9 +305,11 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
         CannotStart: a vehicle did not reach the initial state of its recording.
     """
     count = len(recordings)
-    supported = Parameters()
+    supported = Parameters(px4=V1_16)
     stores = [
-        Parameters({name: value for name, value in recording.parameters.items() if name in supported})
+        Parameters(
+            {name: value for name, value in recording.parameters.items() if name in supported}, px4=V1_16
+        )
         for recording in recordings
     ]
     sim = SimulatedFleet(

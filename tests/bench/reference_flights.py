@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import V1_16
 
 from . import flight_recordings, flight_replay, flight_spread, recorded_motion
 from .flight_comparison import VELOCITY, Comparison, compare
@@ -81,7 +82,7 @@ def motion_rises(name: str) -> tuple[float, float]:
     """Rise times [s] of the motion itself (`recorded_motion`): simulated, real."""
     recording = flight_recordings.load(name)
     replay = flight_replay.fly([recording])[name]
-    airframe = Airframe.from_parameters(Parameters())
+    airframe = Airframe.from_parameters(Parameters(px4=V1_16))
     comparison = compare(
         dataclasses.replace(recording, columns=recorded_motion.with_motor_velocity(airframe, recording)),
         dataclasses.replace(replay, columns=recorded_motion.with_motor_velocity(airframe, replay)),

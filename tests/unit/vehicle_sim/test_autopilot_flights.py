@@ -14,6 +14,7 @@ import pytest
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.geodesy import to_global
+from vehicle_sim.px4_version import V1_16
 
 pytestmark = [pytest.mark.flight, pytest.mark.story]
 
@@ -81,7 +82,7 @@ def fly(
 
 @pytest.fixture(scope="module")
 def simulated_curves() -> dict[str, Curve]:
-    sim = SimulatedFleet(4, links=())
+    sim = SimulatedFleet(4, links=(), px4=V1_16)
     sim.step(8)
     result: dict[str, Curve] = {}
     for autopilot, height_m in zip(sim.autopilots, HEIGHTS_M, strict=True):
