@@ -243,6 +243,17 @@ class Vehicle:
         """Sets one parameter and verifies it."""
         await self.request("PUT", f"/params/{name}", {"value": value})
 
+    async def shell(self, line: str, *, while_armed: bool = False, wait_s: float = 2.0) -> str:
+        """Sends a line to the vehicle's console (PX4's shell); returns its output.
+
+        Args:
+            line: the line, without its end.
+            while_armed: whether it is also sent while the vehicle is armed; it acts at once, unchecked.
+            wait_s: maximum wait for the end of the output [s].
+        """
+        body: Body = {"line": line, "while_armed": while_armed, "wait_s": wait_s}
+        return str((await self.request("POST", "/shell", body))["output"])
+
     async def set_offboard_limits(self, **limits: object) -> dict[str, Any]:
         """Replaces the operator's limits: `speed_max_m_s`, `height_max_m`, `distance_max_m`, `fence`, …
 

@@ -242,6 +242,7 @@ ALL: tuple[Command, ...] = (
     Command("camera/picture", "payload", ("POST /vehicles/{v}/camera/picture",), "lease", "the vehicle"),
     # settings of a vehicle
     _configuration("param", "PUT /vehicles/{v}/params/{name}"),
+    Command("shell", "fly", ("POST /vehicles/{v}/shell",), "lease", "the vehicle"),
     _configuration("offboard/limits", "PUT /vehicles/{v}/offboard/limits"),
     _configuration("offboard/failsafe", "PUT /vehicles/{v}/offboard/failsafe"),
     Command("params/refresh", "configure", ("POST /vehicles/{v}/params/refresh",), journaled=False),
@@ -317,6 +318,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/ros2/topics",
         "GET /vehicles/{v}/logs",
         "GET /vehicles/{v}/logs/{file}",
+        "GET /vehicles/{v}/shell",
         "GET /vehicles/{v}/params",
         "GET /vehicles/{v}/params/{name}",
         "GET /groups",

@@ -37,6 +37,7 @@ from gcs_server.telemetry.wire import (
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet
 from gcs_server.vehicle.samples import TOPICS
+from gcs_server.vehicle.services.shell import ShellService
 from gcs_server.vehicle.vehicle import Vehicle
 
 log = logging.getLogger(__name__)
@@ -50,6 +51,7 @@ OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
 ROS2_TOPICS_PERIOD_S = 0.5
+SHELL_PERIOD_S = 0.1
 PERIODS_S = {
     "offboard": OFFBOARD_PERIOD_S,
     "offboard_mission": OFFBOARD_PERIOD_S,
@@ -59,12 +61,13 @@ PERIODS_S = {
     "reach": CONTROL_PERIOD_S,
     "control": CONTROL_PERIOD_S,
     "ros2_topics": ROS2_TOPICS_PERIOD_S,
+    "shell": SHELL_PERIOD_S,
 }
 """Topics of the server, and the period at which each is checked for a change [s]. Only a change creates a new
 sample."""
 SERVER_TOPICS = frozenset(PERIODS_S) | {"readiness"}
 ALL_TOPICS = frozenset(TOPICS) | SERVER_TOPICS
-ON_REQUEST = frozenset({"ros2_topics"})
+ON_REQUEST = frozenset({"ros2_topics", "shell"})
 """Topics that `"topics": "*"` does not include."""
 CLOSE_TOO_SLOW = 1013
 
@@ -169,6 +172,8 @@ class EncodedSamples:
         """The current value of a topic of the server; None if the vehicle does not have it."""
         if topic == "ros2_topics":
             return self.inspect(vehicle)
+        if topic == "shell":
+            return vehicle.service(ShellService).newest()
         if topic == "identity":
             return vehicle.identity
         if topic == "components":

@@ -15,6 +15,7 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError, Refused
 from gcs_server.vehicle.reach import FEATURES, NEEDS_MAVLINK
 from gcs_server.vehicle.services.camera import CameraService
+from gcs_server.vehicle.services.shell import ShellService
 from missions.plan import Plan, write
 from tests.protocol.api_calls import json_of, new_station
 from tests.protocol.ros2_testbed import Ros2Testbed
@@ -29,6 +30,7 @@ REQUESTS: dict[str, Callable[[Any], Any]] = {
     "gimbal": lambda v: v.gimbal.take_control(),
     "camera": lambda v: v.service(CameraService).take_picture(),
     "arming_report": lambda v: v.health.check(),
+    "shell": lambda v: v.service(ShellService).run("ver all"),
 }
 
 

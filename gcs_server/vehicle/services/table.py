@@ -5,5 +5,6 @@ from __future__ import annotations
 
 from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.logs import LogService
+from gcs_server.vehicle.services.shell import ShellService
 
-SERVICES = (CameraService, LogService)
+SERVICES = (CameraService, LogService, ShellService)

@@ -331,6 +331,9 @@ export const BOUNDS = {
   SetpointRequest: {
     valid_for_s: {"min":0.05,"max":3600},
   },
+  ShellLine: {
+    wait_s: {"min":0,"max":30},
+  },
   SpeedRequest: {
     speed_m_s: {"min":0.1,"max":100},
   },

@@ -2339,6 +2339,32 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/shell": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Output
+         * @description The console's output since this server found the vehicle (the newest 100,000 characters). For
+         *     continuous output subscribe to the telemetry topic `shell`, which has the newest 4,000.
+         */
+        readonly get: operations["output_api_v1_vehicles__v__shell_get"];
+        readonly put?: never;
+        /**
+         * Run
+         * @description Sends a line to the vehicle's console. Needs control; refused while the vehicle is armed unless
+         *     `while_armed` is set. The line is sent once: 504 `no_reply` means that the vehicle did not echo it.
+         */
+        readonly post: operations["run_api_v1_vehicles__v__shell_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/health": {
         readonly parameters: {
             readonly query?: never;
@@ -11564,7 +11590,7 @@ export interface components {
              * @description Features that the vehicle's links do not carry; requests that need them are refused immediately. Empty
              *     over MAVLink.
              */
-            readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report")[];
+            readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report" | "shell")[];
         };
         /**
          * ReadinessCause
@@ -12660,6 +12686,65 @@ export interface components {
             readonly on_expiry?: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
             /** Setpoint */
             readonly setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
+        };
+        /**
+         * ShellAnswer
+         * @description What the console answered.
+         */
+        readonly ShellAnswer: {
+            /**
+             * Output
+             * @description Output from the line's echo on.
+             */
+            readonly output: string;
+            /**
+             * Complete
+             * @description Whether the prompt has come back; false: the command still runs, or its output was lost.
+             */
+            readonly complete: boolean;
+        };
+        /**
+         * ShellLine
+         * @description A line for the vehicle's console.
+         */
+        readonly ShellLine: {
+            /**
+             * Line
+             * @description One line of printable ASCII characters, without its end.
+             * @example gimbal status
+             */
+            readonly line: string;
+            /**
+             * While Armed
+             * @description Send it also while the vehicle is armed. It acts at once, and nothing of it is checked.
+             */
+            readonly while_armed?: boolean;
+            /**
+             * Wait S
+             * @description Maximum wait for the end of its output [s]; what comes later is read by GET or the topic `shell`.
+             */
+            readonly wait_s?: number;
+        };
+        /**
+         * ShellOutput
+         * @description Output of the vehicle's console.
+         */
+        readonly ShellOutput: {
+            /**
+             * Open
+             * @description Whether this server has the console open.
+             */
+            readonly open: boolean;
+            /**
+             * End
+             * @description Characters of output since the vehicle was found; the next output begins there.
+             */
+            readonly end: number;
+            /**
+             * Text
+             * @description Output that ends at `end`.
+             */
+            readonly text: string;
         };
         /**
          * SigningReport
@@ -22362,6 +22447,131 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["Ros2Topics"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly output_api_v1_vehicles__v__shell_get: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description `end` of the output that the client has. */
+                readonly after?: number;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ShellOutput"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly run_api_v1_vehicles__v__shell_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ShellLine"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ShellAnswer"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -38,6 +38,7 @@ const { gimbalControl } = await import('./gimbal/controllers');
 const { cameraControl } = await import('./camera/controllers');
 const { control } = await import('./control/controllers');
 const { paramPanel } = await import('./params/controllers');
+const { shellPanel } = await import('./shell/controllers');
 const { readinessPanel } = await import('./readiness/controllers');
 const { vehicleList } = await import('./vehicles/controllers');
 const { mapPointMenu, mapSources } = await import('./stage/controllers');
@@ -152,6 +153,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'lock yaw': { click: (facts) => gimbalControl.setYawLock(facts, true) },
   'point the gimbal': { click: (facts) => gimbalControl.point(facts, { pitch_deg: -20, yaw_deg: 0 }), series: true },
   'take a photo': { click: (facts) => cameraControl.takePhoto(facts, facts.components[0] as never) },
+  'send a line to the console': { click: (facts) => shellPanel.send(page.api, facts.id, 'gimbal status', true) },
   'set a parameter': { click: (facts) => paramPanel.set(page.api, facts.id, 'MPC_XY_CRUISE', 3) },
   'switch to a ready mode': { click: (facts) => readinessPanel.switchMode(page.api, facts.id, 'hold') },
   'run the checks': { click: (facts) => readinessPanel.check(page.api, facts.id) },
@@ -346,6 +348,7 @@ function viewOfOther(): string {
   if (facts === null) return '';
   return JSON.stringify([
     paramPanel.problemOf('2'),
+    shellPanel.problemOf('2'),
     readinessPanel.problemOf('2'),
     vehicleMission.problem,
     vehicleMission.missionView?.vehicle ?? '2',
