@@ -25,7 +25,7 @@ def test_reasons_against_arming_and_each_mode_are_shown_and_parameters_are_edite
     build_page.build(REPOSITORY)
     drone = station.drone
     with chromium() as browser, open_page(browser, station.url, scene=False) as page:
-        page.locator(".pill").get_by_role("button").click()
+        page.locator(".pill").get_by_role("button").first.click()
         panel = page.get_by_role("region", name="Readiness")
         expect(panel).to_contain_text("Ready to arm in Hold")
         expect(panel).to_contain_text("Descriptions by the vehicle.")

@@ -10,6 +10,7 @@ import pytest
 
 from tests.unit.vehicle_sim.plan_station import PlanStation
 from tests.unit.vehicle_sim.sim_station import RTL_MODE
+from vehicle_sim.px4_version import V1_16
 
 pytestmark = [pytest.mark.flight, pytest.mark.story]
 
@@ -29,7 +30,7 @@ def test_a_mission_along_a_box_is_flown_as_recorded(reference_data: Path) -> Non
     columns = {name: k for k, name in enumerate(recording["columns"])}
     rows = np.array([[math.nan if v is None else v for v in row] for row in recording["rows"]], dtype=float)
 
-    station = PlanStation(sensor_noise=False)
+    station = PlanStation(sensor_noise=False, px4=V1_16)
     station.wait_until_ready_to_arm()
     items = [dict(item) for item in recording["stimulus"][0]["items"]]
     home_item = station.item(TAKEOFF)
