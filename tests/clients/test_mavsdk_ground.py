@@ -123,7 +123,7 @@ async def _check_streams() -> None:
         origin = await drone.telemetry.get_gps_global_origin()
         assert origin.latitude_deg == pytest.approx(truth.latitude_deg, abs=2e-5)
         version = await drone.info.get_version()
-        assert (version.flight_sw_major, version.flight_sw_minor) == (1, 16)
+        assert (version.flight_sw_major, version.flight_sw_minor) == (1, 17)
         assert (await drone.info.get_identification()).legacy_uid == 0x4954_414C_4449_4E4F
         await drone.tune.play_tune(TuneDescription([SongElement.DURATION_4, SongElement.NOTE_G], 200))
         with pytest.raises(ActionError) as refused:

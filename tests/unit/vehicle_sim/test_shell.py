@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.unit.vehicle_sim.sim_station import GCS_AND_API_LINKS, Station
-from vehicle_sim.px4_version import DEFAULT
+from vehicle_sim.px4_version import V1_16
 from vehicle_sim.shell.commands import BUILT_IN
 from vehicle_sim.shell.console import PROMPT, Console
 from vehicle_sim.topics.arrays import array_topics
@@ -18,10 +18,10 @@ pytestmark = [pytest.mark.flight, pytest.mark.story]
 
 
 class Terminal:
-    """A terminal connected to a vehicle's console."""
+    """A terminal connected to the console of a v1.16, of which it was recorded."""
 
     def __init__(self, run_s=1.0, **fleet):
-        self.station = Station(**fleet)
+        self.station = Station(px4=V1_16, **fleet)
         self.station.run(run_s)
 
     def send(self, text, *, flags=6, via="gcs"):
@@ -203,7 +203,7 @@ def test_with_mnt_mode_in_disabled_the_gimbal_does_not_run():
 
 def test_the_listener_shows_every_topic_of_the_logger(terminal):
     state_topics = [topic.layout.name for topic in terminal.station.sim.loggers[0]._states.topics]
-    for name in [topic.layout.name for topic in array_topics(DEFAULT.name)] + state_topics:
+    for name in [topic.layout.name for topic in array_topics(V1_16.name)] + state_topics:
         output = terminal.output_of(f"listener {name}")
         assert output.startswith(f"\nTOPIC: {name}\n {name}\n    timestamp: "), name
     q = terminal.station.sim.simulation.estimate.q_ned_frd[0]
