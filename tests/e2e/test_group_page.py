@@ -99,7 +99,7 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
         confirm_by_space_bar(page)
         group_card = view.get_by_role("region", name=re.compile("^Group"))
         expect(group_card).to_contain_text("Flying")
-        expect(group_card).to_contain_text("from this page")
+        expect(group_card).to_contain_text("from you")
         expect(refusal).to_be_hidden()
         began_s = time.monotonic()
         expect(view.get_by_label("Move, North")).to_have_value("0")  # pressing Send again moves nothing

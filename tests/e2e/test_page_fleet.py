@@ -100,3 +100,37 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
         expect(pill).to_have_text("Holding")
         drone_102.land()
         drone_102.until_disarmed()
+
+
+def test_a_batch_takes_off_what_it_can_and_names_what_it_leaves_out(browser: Browser) -> None:
+    port = free_port()
+    with (
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port, instances=3, arguments=FAST_OPTIONS),
+        SyncGcs(url, client="e2e") as gcs,
+        SyncGcs(url, client="anna", client_id="anna") as anna,
+        open_page(browser, url, scene=False) as page,
+    ):
+        drones = [gcs.wait_for_vehicle(each, ready=True, timeout_s=120) for each in ("101", "102", "103")]
+        anna.vehicle("103").control.take()
+        page.locator(".pill").wait_for()
+        page.keyboard.press("j")
+        panel = page.get_by_label("Vehicle list")
+        panel.get_by_label("All shown").check()
+        expect(panel.get_by_role("group", name="Command to 3 chosen")).to_be_visible()
+        assert violations_in_both_themes(page) == []
+        panel.get_by_role("button", name="Take off…").click()
+        question = page.get_by_role("alertdialog")
+        expect(question).to_contain_text("Take off: Quad 101, Quad 102")
+        expect(question).to_contain_text("Left out: Quad 103: anna has control of this vehicle.")
+        confirm_by_slider(page, panel.get_by_role("button", name="Take off…").click)
+        for drone in drones[:2]:
+            drone.until(lambda v: v["status"]["landed_state"] == "in_air", what="the take-off")
+        assert not drones[2].status()["armed"]
+        panel.get_by_label("Choose Quad 103").uncheck()
+        panel.get_by_role("button", name="Hold 2").click()
+        expect(panel.get_by_role("status")).to_contain_text("All 2 vehicles switched to Hold")
+        panel.get_by_role("button", name="Land…").click()
+        confirm_by_slider(page, panel.get_by_role("button", name="Land…").click)
+        for drone in drones[:2]:
+            drone.until(lambda v: v["status"]["mode"] == "land", what="the landing")

@@ -13,18 +13,26 @@ export function covered(): Record<Edge, number> {
 }
 
 /** Svelte action: counts the panel's width or height as covered at this edge of the stage. */
-export function covers(panel: HTMLElement, edge: Edge): { destroy: () => void } {
+export function covers(panel: HTMLElement, initialEdge: Edge): { update: (edge: Edge) => void; destroy: () => void } {
+  let edge = initialEdge;
   const setCovered = (px: number): void => {
-    if (px === (panels.get(panel)?.px ?? 0)) return;
+    const before = panels.get(panel);
+    if (px === (before?.px ?? 0) && (px === 0 || before?.edge === edge)) return;
     const otherPanels = [...panels].filter(([other]) => other !== panel);
     panels = new Map(px > 0 ? [...otherPanels, [panel, { edge, px }]] : otherPanels);
   };
-  const observer = new ResizeObserver(() => {
+  const measure = (): void => {
     const box = panel.getBoundingClientRect(); // includes the CSS zoom of the panels on large screens
-    setCovered(Math.round(edge === 'bottom' || edge === 'top' ? box.height : box.width));
-  });
+    const margin_px = edge === 'bottom' ? parseFloat(getComputedStyle(panel).marginBottom) || 0 : 0; // on a phone the cards are above the action bar
+    setCovered(Math.round(edge === 'bottom' || edge === 'top' ? box.height + margin_px : box.width));
+  };
+  const observer = new ResizeObserver(measure);
   observer.observe(panel);
   return {
+    update: (newEdge) => {
+      edge = newEdge;
+      measure();
+    },
     destroy: () => {
       observer.disconnect();
       setCovered(0);

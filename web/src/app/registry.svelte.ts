@@ -36,6 +36,8 @@ export interface Room {
   order: number;
   /** Set if the room works without a connected vehicle. Its `load` then returns a `roomWithoutVehicle` component. */
   withoutVehicle?: boolean;
+  /** The instruments beside the room are folded while no vehicle flies, until a person opens them. */
+  foldsInstruments?: boolean;
   layout: (width_px: number) => RoomLayout;
   load: () => Promise<RoomParts>;
 }

@@ -40,6 +40,7 @@ const { control } = await import('./control/controllers');
 const { paramPanel } = await import('./params/controllers');
 const { shellPanel } = await import('./shell/controllers');
 const { readinessPanel } = await import('./readiness/controllers');
+const { BATCH_ACTIONS, batchCommand } = await import('./vehicles/batch');
 const { vehicleList } = await import('./vehicles/controllers');
 const { mapPointMenu, mapSources } = await import('./stage/controllers');
 const { guided } = await import('./guided/controllers');
@@ -159,6 +160,20 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'run the checks': { click: (facts) => readinessPanel.check(page.api, facts.id) },
   'download a log': { click: (facts) => vehicleLogs.download(page.api, facts.id, 0) },
   'hold all flying': { click: (facts) => vehicleList.hold(page.api, [facts]) },
+  ...Object.fromEntries(
+    BATCH_ACTIONS.map((action): [string, PageCommand] => [
+      `${action} several`,
+      {
+        vehicles: ['1', '3'],
+        onGround: action === 'arm' || action === 'takeoff',
+        click: () => {
+          const vehicles = ['1', '3'].flatMap((id) => page.factsNow(id) ?? []).map((facts) => ({ facts, missionCount: 4 }));
+          const command = batchCommand(page.api, action, { ready: vehicles, refused: [] }, () => 10);
+          actions.requestCommand({ ...command, stops: false }, 'actionBar');
+        },
+      },
+    ]),
+  ),
   'remove a vehicle': { click: (facts) => vehicleList.remove(page.api, facts) },
   'start offboard': { click: (facts) => actions.request('offboard_start', facts, 'offboard') },
   'start offboard with a setpoint': {

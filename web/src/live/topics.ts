@@ -21,6 +21,7 @@ export type DistanceSensors = Schemas['DistanceSensorsSample']['value'];
 export type ObstacleDistance = Schemas['ObstacleDistanceSample']['value'];
 export type Orbit = Schemas['OrbitSample']['value'];
 export type Status = Schemas['StatusSample']['value'];
+export type Mission = Schemas['Mission'];
 
 /** Types of the topics' values by name. */
 export interface Topics {

@@ -1,5 +1,6 @@
 import { page } from '../../app/page.svelte';
 import { docks, registry, rooms } from '../../app/registry.svelte';
+import { FOLDED_PX, profileFold } from './profile/fold.svelte';
 
 const ROOM = 'plan';
 
@@ -10,7 +11,8 @@ registry.addRoom({
   hint: 'Plans (W)',
   order: 5,
   withoutVehicle: true,
-  layout: (width_px) => ({ ...docks(width_px), top_px: 56 }),
+  layout: (width_px) => ({ ...docks(width_px), top_px: 56, ...(profileFold.isFolded ? { bottom_px: FOLDED_PX } : {}) }),
+  foldsInstruments: true,
   load: async () => (await import('./parts')).parts,
 });
 /** Whether the selected vehicle has reported a flight on this topic. */

@@ -10,6 +10,20 @@ export const FILTERS: readonly { value: Filter; text: string }[] = [
   { value: 'attention', text: 'Needs attention' },
 ];
 
+export type Sorting = 'number' | 'battery' | 'state';
+
+export const SORTINGS: readonly { value: Sorting; text: string }[] = [
+  { value: 'number', text: 'By number' },
+  { value: 'battery', text: 'Lowest battery first' },
+  { value: 'state', text: 'By state' },
+];
+
+/** The rows in another order; equal ones keep their order. A vehicle without a known charge comes last. */
+export function sortedRows(rows: readonly Row[], sorting: Sorting): readonly Row[] {
+  if (sorting === 'battery') return [...rows].sort((a, b) => (a.percent ?? Infinity) - (b.percent ?? Infinity));
+  return sorting === 'state' ? [...rows].sort((a, b) => a.text.localeCompare(b.text)) : rows;
+}
+
 export interface Row {
   facts: VehicleFacts;
   /** Index in the whole fleet, which selects its identity colour. */

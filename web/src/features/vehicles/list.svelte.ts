@@ -3,7 +3,7 @@
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import { CommandGate, DOUBLE_CLICK } from '../../app/actions/command.svelte';
-import { holdText, type Filter } from './fleet';
+import { holdText, type Filter, type Sorting } from './fleet';
 
 const problemText = (problem: Problem): string => [problem.detail, problem.remedy].filter(Boolean).join(' ');
 
@@ -12,10 +12,18 @@ const HOLD = 'Hold all flying';
 export class VehicleList {
   text = $state('');
   filter = $state<Filter>('all');
+  sorting = $state<Sorting>('number');
+  /** Ids of the vehicles that are chosen for a command. */
+  chosen = $state.raw<ReadonlySet<string>>(new Set());
   /** Result of the last command; null before the first command. */
   result = $state.raw<{ text: string; refused: boolean } | null>(null);
 
   constructor(private readonly gate = new CommandGate()) {}
+
+  choose(id: string, isChosen: boolean): void {
+    const others = [...this.chosen].filter((other) => other !== id);
+    this.chosen = new Set(isChosen ? [...others, id] : others);
+  }
 
   /** Whether the server has not answered Hold for these vehicles yet. */
   isHoldWaiting(vehicles: readonly { id: string }[]): boolean {

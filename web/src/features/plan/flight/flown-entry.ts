@@ -6,6 +6,7 @@ import { plans, vehicleMission } from '../controllers';
 import type { ListEntry } from '../document/list-entries';
 import { simpleItems } from '../document/document';
 import { hasEnded, type MissionFlight } from '../offboard/mission-flight';
+import { fliesMission, type WaypointFlight } from './mission-start';
 import type { Mission } from './plan-in-fly.svelte';
 
 export interface FlownEntry {
@@ -28,7 +29,12 @@ export function flownEntry(facts: VehicleFacts): FlownEntry | null {
   const flight = vehicle?.readAs<MissionFlight>('offboard_mission', facts.now_unix_s)?.value ?? null;
   if (flight !== null && !hasEnded(flight) && flight.plan_id === saved.id && flight.version === saved.version) return { row: null, place: flight.place };
   const current = vehicle?.readAs<Mission>('mission', facts.now_unix_s)?.value.current ?? null;
-  if (current === null || facts.status?.value.mode !== 'mission' || !vehicleMission.hasVersion(saved.id, saved.version)) return null;
+  if (
+    current === null ||
+    !fliesMission(facts.status?.value ?? null, vehicle?.readAs<WaypointFlight>('waypoint_flight', facts.now_unix_s)?.value ?? null) ||
+    !vehicleMission.hasVersion(saved.id, saved.version)
+  )
+    return null;
   const row = 'items' in saved.plan ? simpleItems(saved.plan)[current]?.row : undefined;
   return row === undefined ? null : { row, place: null };
 }

@@ -6,6 +6,7 @@
 import type { DryRunResult } from '../dry-run/dry-run.svelte';
 import { isSameStart, type GeoPosition } from '../../../vehicle/geo';
 import type { components } from '../../../api/schema';
+import type { Status } from '../../../live/topics';
 import type { ConfirmationTexts } from '../../../app/actions/actions';
 import { join, metres, duration, fixed } from '../../../ui/format';
 import { acceptedErrorsText } from './accepted-errors.svelte';
@@ -194,6 +195,12 @@ export function flightLabel(flight: WaypointFlight): (typeof LABELS)[WaypointFli
 
 export function hasEnded(flight: WaypointFlight): boolean {
   return flight.state === 'done' || flight.state === 'stopped';
+}
+
+/** Whether a vehicle flies its mission now: in Mission mode, or in the Return that is an item of the mission. */
+export function fliesMission(status: Pick<Status, 'mode' | 'armed'> | null, flight: WaypointFlight | null): boolean {
+  if (status?.armed !== true) return false;
+  return status.mode === 'mission' || (status.mode === 'rtl' && flight?.state === 'flying');
 }
 
 /** Elapsed part of the planned time, 0 to 1; null: not known. */

@@ -3,7 +3,7 @@ import { positionAt } from '../../../vehicle/geo';
 import { EMPTY_PLAN } from '../document/document';
 import type { DryRunResult } from '../dry-run/dry-run.svelte';
 import { startBody, startTexts } from './mission-start';
-import { dryRunIdFor, flightLabel, flightProgress, flightText, hasEnded, type WaypointFlight } from './mission-start';
+import { dryRunIdFor, flightLabel, flightProgress, flightText, fliesMission, hasEnded, type WaypointFlight } from './mission-start';
 
 const FLIGHT: WaypointFlight = {
   state: 'flying',
@@ -39,6 +39,17 @@ describe('a monitored flight', () => {
 
   it('shows the elapsed part of the planned time', () => {
     expect([flightProgress(FLIGHT), flightProgress({ ...FLIGHT, remaining_s: 90 }), flightProgress({ ...FLIGHT, ...NO_COMPARISON })]).toEqual([0.25, 0, null]);
+  });
+
+  it('is being flown in Mission and in the Return of its plan, but not in a Return that somebody commanded', () => {
+    const status = (mode: string, armed = true) => ({ mode, armed }) as never;
+    expect([fliesMission(status('mission'), null), fliesMission(status('rtl'), FLIGHT)]).toEqual([true, true]);
+    expect([
+      fliesMission(status('rtl'), { ...FLIGHT, state: 'paused' }),
+      fliesMission(status('rtl'), null),
+      fliesMission(status('hold'), FLIGHT),
+      fliesMission(status('mission', false), FLIGHT),
+    ]).toEqual([false, false, false, false]);
   });
 
   it('has a label for each state, and is ended when done or stopped', () => {

@@ -1,0 +1,124 @@
+"""The page on a phone, by touch: what stops a vehicle is in reach, and nothing covers it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Generator
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from tests.e2e.browser import bounding_box, client_id_script, serious_violations
+from tests.e2e.fast_station import Station, take_off_to_hold
+from tests.e2e.test_mission_in_fly_page import plan_at, start_mission
+
+pytestmark = [pytest.mark.browser, pytest.mark.story]
+
+WIDTH_PX, HEIGHT_PX = 390, 844
+TOUCH_PX = 44
+"""Smallest side of a control that a thumb hits."""
+TITLES = """() => {
+  const [pill, title] = [document.querySelector('.pill'), document.querySelector('.pill b')];
+  title.textContent = 'Connection lost';
+  const [outer, inner] = [pill.getBoundingClientRect(), title.getBoundingClientRect()];
+  return [inner.right <= outer.right, inner.bottom <= outer.bottom, title.scrollWidth <= title.clientWidth];
+}"""
+"""Whether the longest state of a vehicle is whole inside its pill."""
+
+
+@contextlib.contextmanager
+def phone(browser: Browser, station: Station, client_id: str = "e2e") -> Generator[Page]:
+    """The page in a phone's browser, which has only touch."""
+    context = browser.new_context(
+        viewport={"width": WIDTH_PX, "height": HEIGHT_PX}, has_touch=True, is_mobile=True
+    )
+    context.set_default_timeout(60_000)
+    page = context.new_page()
+    page.add_init_script(client_id_script(client_id))
+    page.route("**/scene/**", lambda route: route.fulfill(content_type="text/plain", body=""))
+    try:
+        page.goto(station.url)
+        page.locator(".pill").wait_for()
+        yield page
+    finally:
+        context.close()
+
+
+def assert_in_reach(page: Page, control: Locator) -> None:
+    """The control is whole on the screen, large enough, and nothing lies over its middle."""
+    box = bounding_box(control)
+    assert box["x"] >= 0, box
+    assert box["x"] + box["width"] <= WIDTH_PX, box
+    assert box["y"] + box["height"] <= HEIGHT_PX, box
+    assert min(box["width"], box["height"]) >= TOUCH_PX, box
+    middle = [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2]
+    is_hit = "(element, [x, y]) => element.contains(document.elementFromPoint(x, y))"
+    assert control.evaluate(is_hit, middle), f"{control} is covered"
+
+
+def actions_of(page: Page) -> list[Locator]:
+    """Hold, Land and Stop motors."""
+    bar = page.get_by_role("toolbar", name="Actions")
+    return [bar.get_by_role("button", name=name, exact=True) for name in ("Hold", "Land", "Stop motors")]
+
+
+def slide_by_touch(page: Page) -> None:
+    """Confirms the open confirmation with a finger."""
+    knob = page.get_by_role("alertdialog").get_by_role("slider")
+    box = bounding_box(knob)
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    session = page.context.new_cdp_session(page)
+
+    def touch(kind: str, points: list[dict[str, float]]) -> None:
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    touch("touchStart", [{"x": x, "y": y}])
+    for step in range(1, 11):
+        touch("touchMove", [{"x": min(x + step * 32, WIDTH_PX - 4), "y": y}])
+    touch("touchEnd", [])
+
+
+def test_hold_land_and_stop_motors_are_in_reach_while_a_mission_is_flown(
+    browser: Browser, station: Station
+) -> None:
+    drone = station.drone
+    drone.mission.upload(plan_id=station.gcs.plans().create("Line", plan_at(drone))["id"])
+    with phone(browser, station) as page:
+        start_mission(drone)
+        card = page.get_by_label("Mission", exact=True)
+        expect(card).to_contain_text("Waypoint")
+        for control in (*actions_of(page), card.get_by_role("button", name="Pause")):
+            assert_in_reach(page, control)
+        assert page.evaluate(TITLES) == [True, True, True]
+        assert serious_violations(page) == []
+        card.get_by_role("button", name="Pause").tap()
+        drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold")
+        card.get_by_role("button", name="Resume at item").tap()
+        slide_by_touch(page)
+        drone.until(lambda v: v["status"]["mode"] == "mission", what="Mission")
+        actions_of(page)[0].tap()
+        drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold")
+        page.get_by_role("button", name="Hide instruments").tap()
+        expect(card).to_be_hidden()
+        for name in ("Plan", "Offboard"):
+            page.get_by_role("navigation", name="Views").get_by_role("button", name=name).tap()
+            page.get_by_label(f"{name} view").first.wait_for()
+            for control in actions_of(page):
+                assert_in_reach(page, control)
+        actions_of(page)[1].tap()
+        slide_by_touch(page)
+        drone.until(lambda v: v["status"]["mode"] == "land", what="the landing")
+
+
+def test_the_page_of_another_client_has_land_now_and_it_lands(browser: Browser, station: Station) -> None:
+    drone = station.drone
+    take_off_to_hold(drone)
+    drone.control.take()
+    with phone(browser, station, client_id="0123abcd-phone") as page:
+        bar = page.get_by_role("toolbar", name="Actions")
+        land_now = bar.get_by_role("button", name="Land now")
+        expect(bar.get_by_role("button", name="Land", exact=True)).to_have_count(0)
+        assert_in_reach(page, land_now)
+        land_now.tap()
+        slide_by_touch(page)
+        drone.until(lambda v: v["status"]["mode"] == "land", what="the landing")
