@@ -138,7 +138,7 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(run_simulated):
         assert health.attitude_error_rad < math.radians(4)
         assert health.echo.thrust == pytest.approx(thrust, abs=0.01)
         await fly(vehicle, Attitude((1.0, 0.0, 0.0, 0.0), thrust, yaw_rate_ned_rad_s=0.0), 1)
-        await fly(vehicle, Rates((0.0, 0.0, 0.6), thrust), 1.0)
+        await fly(vehicle, Rates((0.0, 0.0, 0.6), thrust), 1.5)
         assert attitude(vehicle).rates_frd_rad_s[2] == pytest.approx(0.6, abs=0.1)
         expiring_request = stream_request(
             Attitude((1.0, 0.0, 0.0, 0.0), thrust), 0.5, action="hold", hold_for_s=4.0
