@@ -124,10 +124,10 @@ def test_a_survey_in_the_plan_is_turned_saved_reopened_and_taken_apart(
 
         page.get_by_label("Name of the plan").fill("Turned survey")
         page.get_by_role("button", name="Save", exact=True).click()
-        expect(view.get_by_text("version 1")).to_be_visible()
+        expect(view.get_by_text("version 1", exact=True)).to_be_visible()
         page.reload()
         view = open_plan_view(page)
-        page.get_by_role("button", name="Plans", exact=True).click()
+        page.get_by_role("button", name="Open", exact=True).click()
         view.get_by_role("button", name=re.compile("^Turned survey")).first.click()
         survey = entries_of(view).filter(has_text="Survey")
         survey.click()
@@ -139,6 +139,52 @@ def test_a_survey_in_the_plan_is_turned_saved_reopened_and_taken_apart(
         expect(survey).to_have_count(0)
         page.keyboard.press("Control+z")
         expect(survey).to_have_count(1)
+
+
+PASTE = """
+(text) => {
+  const clipboardData = new DataTransfer();
+  clipboardData.setData('text/plain', text);
+  const options = { clipboardData, bubbles: true, cancelable: true };
+  document.body.dispatchEvent(new ClipboardEvent('paste', options));
+}
+"""
+
+
+def test_items_are_duplicated_reversed_and_raised_and_coordinates_pasted(
+    browser: Browser, station: Station
+) -> None:
+    with open_page(browser, station.url, scene=False, size=(1280, 800)) as page:
+        view = open_plan_view(page)
+        waypoints = entries_of(view).filter(has_text="Waypoint")
+        home = station.drone.topic("home")
+        assert home is not None
+        lat, lon = home["lat_deg"], home["lon_deg"]
+        for north_deg in (0.0001, 0.0002):
+            page.evaluate(PASTE, f"{lat + north_deg:.7f}, {lon:.7f}")
+        expect(waypoints).to_have_count(2)
+        page.evaluate(PASTE, "147.39, 8.54")
+        expect(view.get_by_text("147.39 is no latitude")).to_be_visible()
+        expect(waypoints).to_have_count(2)
+
+        waypoints.first.click()
+        waypoints.last.click(modifiers=["Shift"])
+        card = page.get_by_role("group", name="Selection")
+        card.get_by_label("Shift altitudes by").fill("12")
+        card.get_by_role("button", name="Shift", exact=True).click()
+        expect(waypoints.first).to_contain_text("42.0 m above home")
+        expect(waypoints.last).to_contain_text("42.0 m above home")
+        page.keyboard.press("Escape")
+        waypoints.last.click()
+        page.keyboard.press("Control+d")
+        expect(waypoints).to_have_count(3)
+        waypoints.first.click()
+        waypoints.last.click(modifiers=["Shift"])
+        card.get_by_role("button", name="Reverse").click()
+        waypoints.first.click()
+        expect(card.get_by_label("Latitude")).to_have_value(f"{lat + 0.0002:.7f}")
+        waypoints.last.click()
+        expect(card.get_by_label("Latitude")).to_have_value(f"{lat + 0.0001:.7f}")
 
 
 def test_a_tower_inspection_is_imported_edited_dry_run_and_started(

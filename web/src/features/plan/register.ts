@@ -35,4 +35,6 @@ registry.addTo('cards', {
 registry.addTo('stage', { order: 30, load: async () => ({ component: (await import('./flight/MissionOnMap.svelte')).default }), applies: hasMission });
 registry.addKeys([
   { order: 138, keys: 'W', description: 'Plan view: waypoint plans and offboard missions', inScene: false, handlers: { w: () => rooms.toggle(ROOM) } },
+  { order: 139, keys: 'Ctrl C V D', description: 'Plan view: copy, paste, duplicate the selected items', inScene: false },
+  { order: 140, keys: 'Ctrl V', description: 'Plan view: place an item at copied coordinates such as 47.39, 8.54', inScene: false },
 ]);

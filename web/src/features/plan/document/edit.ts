@@ -4,6 +4,7 @@ import { BOUNDS } from '../../../api/bounds';
 import type { LayerPosition } from '../../../app/map-layers.svelte';
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import {
+  isFlownTo,
   isPatternItem,
   isPlaced,
   itemsOfRow,
@@ -122,12 +123,40 @@ export function insertItem(plan: Plan, row: number, item: Item): Plan {
   return replaceRows(plan, row, 0, [item]);
 }
 
-/** Replaces some rows by others; jumps keep their targets. */
-export function replaceRows(plan: Plan, row: number, count: number, items: readonly Item[]): Plan {
+/**
+ * Replaces some rows by others; jumps keep their targets.
+ * @param targetsAreNew inserted jumps already have their new targets.
+ */
+export function replaceRows(plan: Plan, row: number, count: number, items: readonly Item[], targetsAreNew = count === 0): Plan {
   const next = [...plan.items.slice(0, row), ...items, ...plan.items.slice(row + count)];
   const inserted = new Set(items.map((_, i) => row + i));
   const newRow = (old: number): number => (old < row ? old : old < row + count && items.length > 0 ? row : Math.max(row, old + items.length - count));
-  return retarget(plan, next, newRow, count === 0 ? inserted : new Set());
+  return retarget(plan, next, newRow, targetsAreNew ? inserted : new Set());
+}
+
+/** Inserts copies of items after the selection. @returns the plan and the rows of the copies. */
+export function pasteItems(plan: Plan, selected: readonly string[], items: readonly Item[]): { plan: Plan; rows: number[] } {
+  const row = insertionRow(plan, selected);
+  return { plan: replaceRows(plan, row, 0, items, false), rows: items.map((_, i) => row + i) };
+}
+
+/** Exchanges the rows so that the vehicle flies to them in the opposite order; the rows between them stay. */
+export function reverseRows(plan: Plan, rows: readonly number[]): Plan {
+  const order = [...rows].sort((a, b) => a - b);
+  const opposite = new Map(order.map((row, i) => [row, order[order.length - 1 - i] ?? row]));
+  const oldRow = (row: number): number => opposite.get(row) ?? row;
+  const items = plan.items.flatMap((_, row) => plan.items[oldRow(row)] ?? []);
+  return retarget(plan, items, oldRow);
+}
+
+/** Changes the altitudes of the rows that are flown to by `by_m`; a landing and positions for the camera stay. */
+export function shiftAltitudes(plan: Plan, rows: readonly number[], by_m: number): Plan {
+  const raised = rows.filter((row) => hasFlightAltitude(plan.items[row]));
+  return raised.reduce((next, row) => raisePoint(next, `item:${row}`, by_m), plan);
+}
+
+export function hasFlightAltitude(item: Item | undefined): boolean {
+  return item !== undefined && item.kind !== 'land' && (isPatternItem(item) || isFlownTo(item));
 }
 
 /** Replaces a pattern by its mission items, which are then ordinary ones. */

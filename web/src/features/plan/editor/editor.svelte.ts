@@ -10,6 +10,7 @@ import {
   partRefOf,
   type Altitude,
   type FenceZone,
+  type Item,
   type PlannedHome,
   type ItemKind,
   type PatternItem,
@@ -263,6 +264,18 @@ export class PlanEditor implements LayerEditor {
     this.change({ ...this.document, fence: [...this.document.fence, ...zones] });
     this.select([]);
     this.stopPlacing();
+  }
+
+  /** Inserts copies of items after the selection, as one change. */
+  paste(items: readonly Item[]): void {
+    const { plan, rows } = planEdit.pasteItems(this.plan, [...this.selected], items);
+    this.change(plan);
+    this.select(rows.map((row) => `item:${row}`));
+  }
+
+  /** The selected items, in the order of the plan. */
+  selectedItems(): Item[] {
+    return [...this.selectedRows].sort((a, b) => a - b).flatMap((row) => this.plan.items[row] ?? []);
   }
 
   /** Inserts the items or steps of a pattern after the selection, as one change. */
