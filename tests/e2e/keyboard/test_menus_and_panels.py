@@ -73,7 +73,7 @@ def test_keys_in_an_open_menu_select_its_entries_and_request_no_flight_command(
         page.keyboard.press("w")
         menu = open_item_menu(page)
         assert violations_in_both_themes(page) == []
-        for key, title in (("End", "Rally point"), ("ArrowUp", "Obstacle"), ("t", "Take off")):
+        for key, title in (("End", "Older commands"), ("ArrowUp", "Mission flow"), ("t", "Take off")):
             page.keyboard.press(key)
             expect(menu.get_by_role("menuitem", name=title, exact=True)).to_be_focused()
         expect(page.get_by_role("alertdialog")).to_have_count(0)
