@@ -18,7 +18,7 @@ from tests.station import wait_until
 MAX_BYTES = 100_000  # of a picture
 QUALITIES = (85, 78, 70, 60, 50)  # of WebP, the best first
 THEMES: tuple[Any, ...] = ("dark", "light")
-DESKTOP_SIZE, TABLET_SIZE = (1440, 900), (1024, 768)
+DESKTOP_SIZE, TABLET_SIZE, PHONE_SIZE = (1440, 900), (1024, 768), (390, 844)
 UNCHANGED_FOR_MS = 300
 """A picture is taken when the window has not changed for this long; without a GPU, drawing is slow."""
 WAIT_FOR_ANIMATIONS = """() => Promise.all(document.getAnimations()

@@ -18,9 +18,11 @@ from gcs_server.client import SyncGcs, SyncVehicle
 from tests.e2e import plan_pictures
 from tests.e2e.browser import REPOSITORY, bounding_box, chromium, client_id_script, confirm_by_space_bar
 from tests.e2e.fast_station import FAST_OPTIONS
+from tests.e2e.line_mission import plan_at, start_mission
 from tests.e2e.pictures import (
     CLIENT_ID,
     DESKTOP_SIZE,
+    PHONE_SIZE,
     TABLET_SIZE,
     THEMES,
     PictureSetup,
@@ -64,6 +66,37 @@ def return_confirmation(setup: PictureSetup) -> None:
     """The confirmation of Return."""
     save_in_both_themes(setup.page, setup.folder, "confirm", lambda: setup.page.keyboard.press("r"))
     setup.page.keyboard.press("Escape")
+
+
+def panels(setup: PictureSetup) -> None:
+    """The mode menu, an orbit in the guide, the vehicle's console, and the map sources."""
+    page = setup.page
+    for name, key in (("modes", "Shift+M"), ("guide", "b"), ("console", "s"), ("map-source", "Shift+F")):
+        page.keyboard.press(key)
+        if name == "guide":
+            page.get_by_label("Guide", exact=True).get_by_role("radio", name="Orbit", exact=True).click()
+        if name == "console":
+            page.get_by_label("Send while").check()
+            page.get_by_label("Line to send").fill("gimbal status")
+            page.get_by_label("Line to send").press("Enter")
+        wait_until_unchanged(page, 3)
+        save_in_both_themes(page, setup.folder, name)
+        page.keyboard.press("Escape")
+
+
+def mission_in_flight(setup: PictureSetup) -> None:
+    """A waypoint plan in flight on the map: numbered items, the flown part faded, the mission's card."""
+    page, drone = setup.page, setup.drone
+    drone.mission.upload(plan_at(drone))
+    page.keyboard.press("m")
+    start_mission(drone)
+    page.get_by_label("Mission", exact=True).wait_for()
+    page.keyboard.press("z")
+    drone.until(lambda v: (v["topics"]["mission"]["value"]["current"] or 0) >= 2, what="the second waypoint")
+    save_in_both_themes(page, setup.folder, "mission-flight")
+    page.keyboard.press("h")
+    wait_for_state_text(page, "Holding")
+    page.keyboard.press("m")
 
 
 def offboard(setup: PictureSetup) -> None:
@@ -150,20 +183,21 @@ def refused_disarming(setup: PictureSetup) -> None:
     page.keyboard.press("Escape")
 
 
-def tablet(setup: PictureSetup) -> None:
-    """The layout for a tablet."""
+def small_screens(setup: PictureSetup) -> None:
+    """The layouts for a tablet and a phone."""
     setup.page.goto("about:blank")  # two 3D views at once are too slow in software
-    for theme in THEMES:
-        context = setup.browser.new_context(
-            viewport={"width": TABLET_SIZE[0], "height": TABLET_SIZE[1]}, has_touch=True, color_scheme=theme
-        )
-        page = context.new_page()
-        page.add_init_script(client_id_script(CLIENT_ID))
-        page.goto(setup.url)
-        wait_for_state_text(page, "Holding")
-        wait_until_unchanged(page, 6)  # the 3D view loads again
-        save_picture(page, setup.folder / f"tablet-{theme}.webp")
-        context.close()
+    for name, (width, height) in (("tablet", TABLET_SIZE), ("phone", PHONE_SIZE)):
+        for theme in THEMES:
+            context = setup.browser.new_context(
+                viewport={"width": width, "height": height}, has_touch=True, color_scheme=theme
+            )
+            page = context.new_page()
+            page.add_init_script(client_id_script(CLIENT_ID))
+            page.goto(setup.url)
+            wait_for_state_text(page, "Holding")
+            wait_until_unchanged(page, 6)  # the 3D view loads again
+            save_picture(page, setup.folder / f"{name}-{theme}.webp")
+            context.close()
     setup.page.goto(setup.url)
     wait_for_state_text(setup.page, "Holding")
 
@@ -249,7 +283,9 @@ STATES: tuple[Callable[[PictureSetup], None], ...] = (
     plan_pictures.mission,
     plan_pictures.dry_run,
     gimbal,
-    tablet,
+    panels,
+    mission_in_flight,
+    small_screens,
     offboard,
     setpoint_form,
     drag_in_3d,

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.e2e.browser import bounding_box, client_id_script, serious_violations
 from tests.e2e.fast_station import Station, take_off_to_hold
-from tests.e2e.test_mission_in_fly_page import plan_at, start_mission
+from tests.e2e.line_mission import plan_at, start_mission
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 

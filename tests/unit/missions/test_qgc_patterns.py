@@ -19,7 +19,7 @@ from missions.items import ChangeSpeed, Waypoint
 from missions.pattern_settings import StructurePattern, SurveyPattern
 from missions.plan import ComplexItem, PatternItem, Plan
 from missions.values import Altitude, Point
-from tests.unit.missions.test_qgc_plan import plan_file, plan_file_with, same_json
+from tests.support.plan_files import plan_file, plan_file_with, same_json
 
 TRANSECTS = "TransectStyleComplexItem"
 GIMBAL_SURVEY_ROW = 4

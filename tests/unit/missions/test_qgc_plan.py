@@ -16,18 +16,10 @@ from missions.formats import mavlink_items, qgc_plan
 from missions.items import CommandItem, Jump, Waypoint
 from missions.plan import PatternItem, Plan, without_originals
 from missions.values import Altitude
+from tests.support.plan_files import FOLDER, plan_file, plan_file_with, same_json
 from tests.support.plan_strategies import HOMES, RESOLVED_ALTITUDES, plans
 
-FILES = sorted((Path(__file__).parents[2] / "data" / "plans").glob("*.plan"))
-
-
-def plan_file(name: str) -> bytes:
-    return next(path for path in FILES if path.stem == name).read_bytes()
-
-
-def same_json(first: bytes, second: bytes) -> bool:
-    """Whether values and order of keys are equal; 1 and 1.0 are different."""
-    return json.dumps(json.loads(first)) == json.dumps(json.loads(second))
+FILES = sorted(FOLDER.glob("*.plan"))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
@@ -150,15 +142,6 @@ def test_unknown_keys_are_written_back_in_their_order(plan: Plan, data: st.DataO
     document = with_unknown_keys(json.loads(qgc_plan.write(plan).data), data.draw)
     content = json.dumps(document).encode()
     assert same_json(qgc_plan.write(qgc_plan.read(content).plan).data, content)
-
-
-def plan_file_with(name: str, path: list[str | int], value: Any) -> bytes:
-    document = json.loads(plan_file(name))
-    part = document
-    for key in path[:-1]:
-        part = part[key]
-    part[path[-1]] = value
-    return json.dumps(document).encode()
 
 
 @pytest.mark.parametrize(
