@@ -278,7 +278,7 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
             keyboard.press("Enter")
         expect(steps.filter(has_text="Waypoint")).to_have_count(2)
         keyboard.press("Escape")
-        for typed_letters, title in (("", "Take off"), ("ret", "Return")):
+        for typed_letters, title in (("take", "Take off"), ("ret", "Return")):
             tab_to(page, "Add item")
             keyboard.press("Enter")
             expect(page.get_by_role("menuitem").first).to_be_focused()

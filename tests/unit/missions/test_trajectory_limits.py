@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ import pytest
 from missions.trajectory import headings, lines
 from missions.trajectory.curve import TimedCurve
 from missions.trajectory.headings import AlongPath, LookAt
-from missions.trajectory.limits import PARAMETERS, MotionLimits
+from missions.trajectory.limits import MotionLimits
 from missions.trajectory.pieces import Pieces
 from missions.trajectory.points import merge_equal_positions
 from missions.trajectory.shapes import arc, figure_eight
@@ -23,7 +21,6 @@ from tests.support.random_paths import random_limits, random_points
 BATCHES, MISSIONS_PER_BATCH = 20, 100
 """All missions of a batch have the same limits and are solved as one path; a stop separates two missions."""
 TOLERANCE_FACTOR = 1.0 + 1e-6
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def random_path(rng: np.random.Generator) -> Pieces:
@@ -122,9 +119,3 @@ def test_limits_are_read_from_the_vehicles_parameters() -> None:
     assert limits.tilt_rad == pytest.approx(math.radians(30.0))
     assert limits.yaw_rate_rad_s == pytest.approx(math.pi / 2)
     assert limits.jerk_m_s3 == MotionLimits().jerk_m_s3
-
-
-def test_the_default_limits_are_px4s_default_parameters() -> None:
-    metadata = json.loads((ROOT / "vehicle_sim/data/parameters.json").read_text("utf-8"))
-    defaults = {name: float(metadata[name][1]) for name in PARAMETERS.values()}
-    assert MotionLimits.from_parameters(defaults) == MotionLimits()
