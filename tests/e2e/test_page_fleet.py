@@ -102,6 +102,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
         drone_102.until_disarmed()
 
 
+@pytest.mark.story
 def test_a_batch_takes_off_what_it_can_and_names_what_it_leaves_out(browser: Browser) -> None:
     port = free_port()
     with (

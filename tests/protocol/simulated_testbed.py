@@ -16,8 +16,12 @@ from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.px4_version import DEFAULT, VERSIONS, Px4Version
 
 TICK_S = 0.02
-both_versions = pytest.mark.parametrize("px4", list(VERSIONS.values()), ids=list(VERSIONS))
-"""Runs a test with a vehicle of each version of PX4."""
+both_versions = pytest.mark.parametrize(
+    "px4",
+    [each if each is DEFAULT else pytest.param(each, marks=pytest.mark.story) for each in VERSIONS.values()],
+    ids=list(VERSIONS),
+)
+"""Runs a test with a vehicle of each version of PX4; the one that is not the default in `make nightly`."""
 
 
 class SimulatedVehicles(MemoryTestbed):

@@ -13,7 +13,8 @@ import pytest
 from gcs_server.api import shell_routes
 from gcs_server.api.shell_routes import ShellLine
 from gcs_server.errors import GcsError, InvalidRequest, NoReply, NotInControl, Refused
-from gcs_server.vehicle.services.shell import IDLE_S, PIECE_BYTES, ShellService
+from gcs_server.vehicle.services import shell
+from gcs_server.vehicle.services.shell import PIECE_BYTES, ShellService
 from tests.protocol.api_calls import ANNA, BOB, json_of, new_station
 from tests.protocol.offboard_testbed import OffboardTestbed
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
@@ -145,15 +146,19 @@ def test_the_longest_line_of_one_message_and_one_more(run_simulated: Any, run_li
     run_with_shell(run_simulated, scenario)
 
 
-def test_an_unused_console_is_closed_and_opened_again_by_the_next_line(run_simulated: Any) -> None:
+def test_an_unused_console_is_closed_and_opened_again_by_the_next_line(
+    run_simulated: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shell, "IDLE_S", 8.0)
+
     async def scenario(rig: Any) -> None:
         sessions = rig.autopilot.sim.nodes[0]._shell._sessions
         await rig.shell.run("ver hw")
         assert len(sessions) == 1
         for _ in range(4):
-            await asyncio.sleep(IDLE_S / 2)
+            await asyncio.sleep(4.0)
             assert rig.shell.output().open, "a client still reads"
-        await asyncio.sleep(IDLE_S + 3)
+        await asyncio.sleep(11.0)
         assert len(sessions) == 0
         output, complete = await rig.shell.run("ver hw")
         assert output.startswith("ver hw\n")

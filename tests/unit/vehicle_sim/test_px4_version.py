@@ -122,7 +122,7 @@ def test_lost_sticks_may_be_ignored_in_external_modes_and_altitude_cruise(mode, 
     assert flight_actions(lost._replace(manual_loss_except=bit)) == []
 
 
-@BOTH
+@pytest.mark.parametrize("px4", [V1_17, pytest.param(V1_16, marks=pytest.mark.story)], ids=["1.17", "1.16"])
 def test_the_altitude_of_home_moves_for_two_minutes_after_a_take_off(px4):
     station = in_hold(px4, sensor_noise=True)
     home = station.sim.autopilots[0].home

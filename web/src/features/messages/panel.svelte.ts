@@ -79,11 +79,3 @@ export function fullTime(unix_s: number): string {
   const tenth = Math.floor((unix_s % 1) * 10);
   return `${date.getFullYear()}-${twoDigits(date.getMonth() + 1)}-${twoDigits(date.getDate())} ${twoDigits(date.getHours())}:${twoDigits(date.getMinutes())}:${twoDigits(date.getSeconds())}.${tenth}`;
 }
-
-/** A message in which this page's own name is "You". Texts of the vehicle are unchanged. @param name this page's name. */
-export function ownWords({ kind, text }: Pick<Message, 'kind' | 'text'>, name: string): string {
-  if (kind === 'status_text' || name === '' || !text.includes(name)) return text;
-  if (text.startsWith(`${name} has `)) return `You have ${text.slice(name.length + 5)}`;
-  if (text.startsWith(`${name} `)) return `You ${text.slice(name.length + 1)}`;
-  return text.split(name).join('you');
-}
