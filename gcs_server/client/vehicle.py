@@ -133,9 +133,19 @@ class Vehicle:
         return north, east, down
 
     async def is_ready(self) -> bool:
-        """Whether the vehicle reports that it can arm."""
-        health = await self.topic("health")
-        return bool(health and health["ready_to_arm"])
+        """Whether the vehicle reports that it can be armed, in its mode or in another one.
+
+        After a landing PX4 stays in Offboard and cannot be armed there without a stream: the start of a
+        flight changes the mode; for `arm` alone choose one before.
+        """
+        state = await self.show()
+        health = state["topics"].get("health")
+        if health is None or health["value"]["ready_to_arm"]:
+            return health is not None
+        readiness = await self.request("GET", "/readiness")
+        if readiness["known"]:
+            return bool(readiness["offers"])
+        return state["status"]["mode"] == "offboard"  # over ROS 2 there is no report
 
     async def until(
         self,

@@ -23,7 +23,7 @@ from gcs_server.plans import typed_values
 from gcs_server.plans.tasks import Answer, DocumentHead
 from gcs_server.plans.work import UnreadDocument
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.vehicle.samples import GlobalPosition, Health
+from gcs_server.vehicle.samples import GlobalPosition
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from gcs_server.vehicle.services.transaction import ReportProgress
 from gcs_server.vehicle.settling import settled
@@ -271,10 +271,7 @@ def _require_ready(vehicles: Vehicles) -> None:
     cannot be armed."""
     for vehicle in vehicles.values():
         vehicle.require_commandable()
-        health = vehicle.topic("health")
-        if vehicle.status.armed or health is None or not isinstance(health.value, Health):
-            continue
-        if health.value.ready_to_arm is False:
+        if not vehicle.status.armed and vehicle.health.prevents_arming:
             raise Refused(
                 f"Vehicle {vehicle.id} cannot be armed now, so none of the vehicles starts.",
                 remedy=f"See its report (GET /vehicles/{vehicle.id}/readiness), then start all again.",

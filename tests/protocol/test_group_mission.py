@@ -294,6 +294,16 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(run_simulated):
     run_with_two_vehicles(run_simulated, scenario)
 
 
+def test_a_vehicle_that_stayed_in_offboard_after_its_last_landing_starts_again(run_simulated):
+    async def scenario(rig):
+        await rig.vehicles[1].command.set_mode("offboard")
+        await until(lambda: rig.vehicles[1].topic("health").value.ready_to_arm is False, 20)
+        await start(rig, crossing_mission())
+        await until(lambda: all(vehicle.status.armed for vehicle in rig.vehicles), 20)
+
+    run_with_two_vehicles(run_simulated, scenario)
+
+
 @pytest.mark.story
 def test_a_mission_for_several_vehicles_cannot_be_started_on_one_vehicle(run_simulated):
     async def scenario(rig):

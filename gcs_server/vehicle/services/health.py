@@ -31,6 +31,7 @@ from gcs_server.vehicle.px4.events import (
 )
 from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE
 from gcs_server.vehicle.readiness import Finding, HealthReport, Readiness, ReportJoiner
+from gcs_server.vehicle.samples import Health
 from gcs_server.vehicle.services.metadata import MetadataService
 from gcs_server.vehicle.services.port import VehiclePort
 
@@ -103,6 +104,20 @@ class HealthService:
         if self._unpublished_unix_s is not None:
             self._publish()
         return self._published
+
+    @property
+    def prevents_arming(self) -> bool:
+        """Whether the vehicle reports that it cannot be armed now, neither in its mode nor in another one.
+
+        After a landing PX4 stays in Offboard and is not ready in it; the start of a flight changes the mode.
+        """
+        health = self._vehicle.topic("health")
+        if health is None or not isinstance(health.value, Health) or health.value.ready_to_arm is not False:
+            return False
+        mode = BY_CUSTOM_MODE.get(self._vehicle.flight_state.custom_mode)
+        if self._report is None:  # as over ROS 2: only that it is not ready in its mode
+            return mode is None or mode.name != "offboard"
+        return not self._offers()
 
     @property
     def missing(self) -> bool:
