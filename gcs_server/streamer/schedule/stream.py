@@ -45,6 +45,9 @@ from missions.setpoints import DirectSetpoint, Path
 MODE_REQUEST_PERIOD_S = 1.0
 MAX_MODE_REQUESTS = 5
 """Number of unconfirmed mode requests after which the stream stops; PX4's own failsafe then takes over."""
+LOST_S = MAX_MODE_REQUESTS * MODE_REQUEST_PERIOD_S
+"""Time after the loss of the connection in which the stream still tries to hold the vehicle [s]: later PX4 has
+acted, and setpoints that arrive again would make it leave its Return for Offboard."""
 MAX_START_S = 20.0
 """Time within which Offboard must be confirmed [s]."""
 STOP_TIMEOUT_S = 7.0
@@ -96,6 +99,7 @@ class VehicleStream:
         self._next_request_s = 0.0
         self._inhibited_until_s = -math.inf
         self._was_armed = False
+        self._lost_s = math.inf  # since when the connection to the vehicle is lost
         self._last_estimate: tuple[float, Vector3] | None = None
         self._interrupted_s = self._place_s = 0.0  # start of the interruption; when its place was last known
         self._in_failsafe = False
@@ -214,6 +218,7 @@ class VehicleStream:
             return []
         if self._end_if_offboard_left(now_s, snapshot):
             return []
+        self._lost_s = min(self._lost_s, now_s) if snapshot.lost else math.inf
         self._check_links_and_origin(now_s, snapshot)
         self._check_following(now_s, snapshot)
         if now_s >= self._phase_until_s:
@@ -490,16 +495,17 @@ class VehicleStream:
         self._enter("to_hold" if mode == "hold" else "landing", now_s, math.inf)
 
     def _send_mode_request(self, now_s: float, outgoing: list[Outgoing]) -> None:
-        if now_s < max(self._next_request_s, self._inhibited_until_s):
-            return
         assert self._requested_mode is not None
-        if self._mode_requests >= MAX_MODE_REQUESTS:
+        are_used_up = self._mode_requests >= MAX_MODE_REQUESTS and now_s >= self._next_request_s
+        if are_used_up or now_s - self._lost_s >= LOST_S:
             self.end(
                 "not_confirmed",
                 f"The vehicle did not change to {self._requested_mode.capitalize()} after "
-                f"{MAX_MODE_REQUESTS} requests: the stream stopped; the vehicle's failsafe takes over.",
+                f"{self._mode_requests} requests: the stream stopped; the vehicle's failsafe takes over.",
                 WARNING,
             )
+            return
+        if now_s < max(self._next_request_s, self._inhibited_until_s):
             return
         outgoing.append(ModeRequest(self._requested_mode, self._mode_requests))
         self._mode_requests += 1

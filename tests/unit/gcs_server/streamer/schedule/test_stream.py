@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from gcs_server.streamer.schedule.stream import MAX_MODE_REQUESTS, VehicleStream
+from gcs_server.streamer.schedule.stream import LOST_S, MAX_MODE_REQUESTS, VehicleStream
 from gcs_server.streamer.transport.vehicle_transport import MavlinkTransport
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
@@ -33,7 +33,7 @@ class Flight:
         self.mode = "hold"
         self.position = (1.0, 2.0, -5.0)
         self.velocity = (0.0, 0.0, 0.0)
-        self.armed = self.failsafe = False
+        self.armed = self.failsafe = self.lost = False
         self.yaw = 0.25
         self.loop_alive = True
         self.loop_message_s = self.now_s
@@ -45,7 +45,7 @@ class Flight:
         if self.loop_alive or self.last_snapshot is None:
             self.last_snapshot = Snapshot(
                 self.now_s, self.mode, self.position, self.velocity, self.yaw,
-                armed=self.armed, failsafe=self.failsafe,
+                armed=self.armed, failsafe=self.failsafe, lost=self.lost,
             )  # fmt: skip
         return self.last_snapshot
 
@@ -303,6 +303,22 @@ def test_a_link_that_is_lost_during_an_interruption_keeps_the_last_place_until_i
     assert {sent["position"] for _, _, sent in flight.run(2.0)} == {(10.0, 2.0, -4.0)}
     flight.position, flight.yaw, flight.mode, flight.failsafe = (10.5, 2.0, -3.0), 0.25, "offboard", False
     assert flight.run(0.2)[-1][2]["position"] == (10.5, 2.0, -3.0)
+
+
+@pytest.mark.parametrize("stops_after_s", [None, 0.0, 2.0])
+def test_a_lost_vehicle_gets_nothing_once_its_failsafe_has_acted_also_if_the_client_stops(stops_after_s):
+    flight = Flight()
+    flight.begin(HOVER, valid_for_s=60.0)
+    flight.engage()
+    flight.run(1.0)
+    flight.lost, flight.position, flight.yaw, lost_s = True, None, None, flight.now_s
+    if stops_after_s is not None:  # the client's own Hold is sent meanwhile
+        flight.run(stops_after_s)
+        flight.stream.request_stop(flight.now_s, flight.snapshot())
+        flight.stream.inhibit_mode_requests(flight.now_s)
+    assert flight.run(20.0)[-1][0] - lost_s <= LOST_S + 0.1
+    assert flight.stream.phase == "idle"
+    assert flight.report_codes()[-1] == "not_confirmed"
 
 
 def test_a_pilot_who_selects_a_mode_during_a_failsafe_ends_the_stream():
