@@ -46,8 +46,8 @@ MODE_REQUEST_PERIOD_S = 1.0
 MAX_MODE_REQUESTS = 5
 """Number of unconfirmed mode requests after which the stream stops; PX4's own failsafe then takes over."""
 LOST_S = MAX_MODE_REQUESTS * MODE_REQUEST_PERIOD_S
-"""Time after the loss of the connection in which the stream still tries to hold the vehicle [s]: later PX4 has
-acted, and setpoints that arrive again would make it leave its Return for Offboard."""
+"""Time after the loss of the connection in which the stream still tries to hold the vehicle [s]: later PX4
+has acted, and setpoints that arrive again would make it leave its Return for Offboard."""
 MAX_START_S = 20.0
 """Time within which Offboard must be confirmed [s]."""
 STOP_TIMEOUT_S = 7.0
