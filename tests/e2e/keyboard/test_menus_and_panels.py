@@ -201,3 +201,42 @@ def test_a_panel_closes_when_the_focus_leaves_it(browser: Browser, flying_statio
         land.focus()
         expect(panel).to_be_hidden()
         expect(land).to_be_focused()
+
+
+def test_the_search_finds_actions_views_plans_and_parameters_and_commands_only_after_a_confirmation(
+    browser: Browser, flying_station: Station
+) -> None:
+    flying_station.gcs.plans().create("Zigzag at dawn", {})
+    with open_page(browser, flying_station.url, scene=False) as page:
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        commands = refuse_commands(page)
+        search = page.get_by_role("combobox", name="Find an action")
+        chosen = page.get_by_role("region", name="Find", exact=True).locator("[aria-selected=true]")
+
+        def find(text: str) -> None:
+            page.keyboard.press("Control+k")
+            expect(search).to_be_focused()
+            page.keyboard.type(text)
+
+        find("land")
+        expect(chosen).to_contain_text("Land")
+        assert violations_in_both_themes(page) == []
+        page.keyboard.press("Enter")
+        expect(search).to_be_hidden()
+        expect(page.get_by_role("alertdialog").get_by_role("slider")).to_be_focused()
+        page.keyboard.press("Escape")
+        assert commands == []
+
+        find("zigzag")
+        expect(chosen).to_contain_text("Zigzag at dawn")
+        page.keyboard.press("Enter")
+        expect(page.get_by_label("Name of the plan")).to_have_value("Zigzag at dawn")
+
+        find("nothing of this name")
+        expect(page.get_by_role("region", name="Find", exact=True)).to_contain_text("Nothing has")
+        page.keyboard.press("Escape")
+        expect(search).to_be_hidden()
+        find("view fly")
+        page.keyboard.press("Enter")
+        expect(page.get_by_label("Attitude and heading")).to_be_visible()
+        assert commands == []

@@ -30,11 +30,16 @@ function nameOfKey(key: string, shift: boolean): string {
 }
 
 function handleShortcut(event: KeyboardEvent): boolean {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return false;
-  if (event.key === 'Escape') return event.repeat || closeTopmost();
+  if (event.altKey || event.defaultPrevented) return false;
   const key = characterOf(event);
+  if (event.ctrlKey || event.metaKey) return !event.repeat && !event.shiftKey && handle(`Ctrl ${key.toUpperCase()}`);
+  if (event.key === 'Escape') return event.repeat || closeTopmost();
   if (event.repeat || !shortcuts.enabled || !isShortcut(key, event.target as KeyTarget | null)) return false;
-  const name = nameOfKey(key, event.shiftKey);
+  return handle(nameOfKey(key, event.shiftKey));
+}
+
+/** Runs the handler of a key. @returns false: the key has none, or had no effect. */
+function handle(name: string): boolean {
   const handler = registry.keys.find((line) => line.handlers !== undefined && name in line.handlers)?.handlers?.[name];
   return handler !== undefined && handler(page.facts) !== false;
 }

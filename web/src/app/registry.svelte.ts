@@ -123,6 +123,25 @@ export interface KeyLine {
   handlers?: Readonly<Record<string, (facts: VehicleFacts | null) => boolean | void>>;
 }
 
+/** One thing that a person can find by its name: an action, a room, a panel, a vehicle, a plan, a parameter. */
+export interface Findable {
+  readonly title: string;
+  /** What it does or is, beside the title; also searched. */
+  readonly hint: string;
+  /** Its keys, as on the keyboard sheet. */
+  readonly keys?: string;
+  /** Does it or shows it. A command of a vehicle asks for confirmation as its button does. */
+  readonly run: () => unknown;
+}
+
+/** Things of one kind that a feature lets a person find. The page loads the code when a person first searches. */
+export interface Finder {
+  group: string;
+  order: number;
+  /** Reads what there is for the selected vehicle now. */
+  load: () => Promise<(facts: VehicleFacts | null) => readonly Findable[] | Promise<readonly Findable[]>>;
+}
+
 /** Closes a part of the page when Escape is pressed. */
 export interface Closer {
   order: number;
@@ -141,6 +160,7 @@ class Registry {
   private openPanels = $state.raw<readonly string[]>([]);
   keys: readonly KeyLine[] = [];
   closers: readonly Closer[] = [];
+  finders: readonly Finder[] = [];
   /** Functions that return warnings about the server for the operator. */
   warnings: readonly (() => readonly string[])[] = [];
   private readonly slots = new Map<SlotName, readonly SlotPart[]>();
@@ -160,6 +180,10 @@ class Registry {
 
   addCloser(closer: Closer): void {
     this.closers = insertByOrder(this.closers, closer);
+  }
+
+  addFinder(finder: Finder): void {
+    this.finders = insertByOrder(this.finders, finder);
   }
 
   addWarnings(read: () => readonly string[]): void {

@@ -11,3 +11,4 @@ registry.addPanel({
 registry.addKeys([
   { order: 160, keys: 'I', description: 'Parameters: search, read, set', inScene: true, handlers: { i: (facts) => registry.toggle('params', facts) } },
 ]);
+registry.addFinder({ group: 'Parameters', order: 60, load: async () => (await import('./find')).findableParameters });

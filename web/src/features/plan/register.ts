@@ -38,3 +38,4 @@ registry.addKeys([
   { order: 139, keys: 'Ctrl C V D', description: 'Plan view: copy, paste, duplicate the selected items', inScene: false },
   { order: 140, keys: 'Ctrl V', description: 'Plan view: place an item at copied coordinates such as 47.39, 8.54', inScene: false },
 ]);
+registry.addFinder({ group: 'Plans', order: 50, load: async () => (await import('./find')).findablePlans });

@@ -31,3 +31,8 @@ registry.addKeys([
     handlers: Object.fromEntries(Array.from({ length: 10 }, (_, digit) => [String(digit), () => selectByDigit(digit)])),
   },
 ]);
+registry.addFinder({
+  group: 'Vehicles',
+  order: 40,
+  load: async () => () => page.ids.map((id) => ({ title: page.factsOf(id)?.name ?? `Vehicle ${id}`, hint: 'Select the vehicle', run: () => page.select(id) })),
+});
