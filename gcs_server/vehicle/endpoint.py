@@ -44,7 +44,7 @@ REQUEST_PERIOD_S = 1.0
 MAX_REQUESTS = 5
 SLOW_REQUEST_PERIOD_S = 30.0
 """Period of version requests after the first `MAX_REQUESTS` requests [s]."""
-BOOT_TIME_IDS = frozenset(
+ESTIMATE_IDS = frozenset(
     {
         d.MAVLINK_MSG_ID_ATTITUDE,
         d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
@@ -64,6 +64,10 @@ RECEIVED_WITHIN_S = {MAVLINK: 1.5, ROS2: STAY_ON_LINK_S}
 """The preferred protocol is used while its newest message is at most this much older than the newest message
 of all links [s]. Setpoints prefer ROS 2, whose topics arrive every few milliseconds; a slow radio has longer
 gaps."""
+ESTIMATES_WITHIN_S = STAY_ON_LINK_S
+"""The same for position and attitude over MAVLink: a setpoint needs an estimate of the last second, so that
+those of ROS 2 fill the gap. Modes and other states wait longer, because a delayed radio would report each change
+again."""
 
 
 class SameVehicle(enum.Enum):
@@ -105,8 +109,8 @@ class Endpoint:
         self.over_ros2 = self.connection.protocol == ROS2
 
     def take_boot_time(self, frame: Frame) -> None:
-        """Measures the vehicle's boot time if the frame is one of `BOOT_TIME_IDS`."""
-        if frame.msg_id not in BOOT_TIME_IDS:
+        """Measures the vehicle's boot time if the frame is one of `ESTIMATE_IDS`."""
+        if frame.msg_id not in ESTIMATE_IDS:
             return
         if frame.component_id == self.component_id:  # a companion computer has its own boot clock
             now_s = frame.received_monotonic_s
@@ -138,7 +142,9 @@ class Endpoint:
         return self.version.uid if self.version is not None and self.version.unique else None
 
 
-def preferred_endpoints(endpoints: Sequence[Endpoint], protocol: str) -> Sequence[Endpoint]:
+def preferred_endpoints(
+    endpoints: Sequence[Endpoint], protocol: str, within_s: float | None = None
+) -> Sequence[Endpoint]:
     """The connected endpoints of this protocol; all endpoints if no endpoint has this protocol.
 
     For a vehicle that is connected over both protocols, commands and state use MAVLink. Setpoints use ROS 2,
@@ -154,7 +160,8 @@ def preferred_endpoints(endpoints: Sequence[Endpoint], protocol: str) -> Sequenc
     if not matching or len(matching) == len(endpoints):
         return endpoints
     newest_s = max(endpoint.received_s for endpoint in endpoints)
-    return [e for e in matching if newest_s - e.received_s < RECEIVED_WITHIN_S[protocol]] or endpoints
+    within_s = RECEIVED_WITHIN_S[protocol] if within_s is None else within_s
+    return [e for e in matching if newest_s - e.received_s < within_s] or endpoints
 
 
 def endpoint_to_use(endpoints: Sequence[Endpoint], in_use: Endpoint | None) -> Endpoint | None:

@@ -18,7 +18,15 @@ from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.attached import AttachedControl, AttachedFlight, AttachedMission, AttachedStream
 from gcs_server.vehicle.components import Components
-from gcs_server.vehicle.endpoint import MAVLINK, ROS2, Endpoint, endpoint_to_use, preferred_endpoints
+from gcs_server.vehicle.endpoint import (
+    ESTIMATE_IDS,
+    ESTIMATES_WITHIN_S,
+    MAVLINK,
+    ROS2,
+    Endpoint,
+    endpoint_to_use,
+    preferred_endpoints,
+)
 from gcs_server.vehicle.event_logger import EventLogger
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.external_control import ExternalControl
@@ -348,13 +356,11 @@ class Vehicle:
 
     def receive(self, frame: Frame, endpoint: Endpoint) -> None:
         """Handles a frame of this vehicle from one of its endpoints."""
-        if (
-            endpoint.over_ros2
-            and frame.msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK
-            and endpoint not in preferred_endpoints(self._endpoints, MAVLINK)
-        ):
-            return  # MAVLink has the same data; because of different delays, each change would appear twice
         msg_id = frame.msg_id
+        if endpoint.over_ros2 and msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK:
+            within_s = ESTIMATES_WITHIN_S if msg_id in ESTIMATE_IDS else None
+            if endpoint not in preferred_endpoints(self._endpoints, MAVLINK, within_s):
+                return  # MAVLink has the same data; because of different delays, each change would appear twice
         if msg_id in self._handled_ids:
             self._handle(frame, endpoint)
         else:

@@ -71,6 +71,19 @@ def test_with_both_links_the_stream_goes_on_while_the_agent_or_the_mavlink_link_
     run_streaming(run_simulated, px4, scenario, mavlink=True)
 
 
+def test_a_program_that_renews_its_setpoint_is_not_refused_when_one_of_two_links_fails(run_simulated: Any) -> None:
+    async def scenario(testbed: Ros2Testbed, vehicle: Vehicle) -> None:
+        offboard = testbed.streamer.offboard(vehicle.id)
+        for mavlink_on, ros2_on in ((False, True), (True, True), (True, False)):
+            testbed.mavlink_on, testbed.ros2_on = mavlink_on, ros2_on
+            for _ in range(50):
+                await offboard.setpoint(stream_request_for(ABOVE_HOME))
+                await sleep(0.1)
+        assert vehicle.status.mode == "offboard"
+
+    run_streaming(run_simulated, V1_17, scenario, mavlink=True)
+
+
 def test_over_ros2_alone_a_restart_of_the_agent_ends_the_stream_with_its_reason(run_simulated: Any) -> None:
     async def scenario(testbed: Ros2Testbed, vehicle: Vehicle) -> None:
         testbed.ros2_on = False
