@@ -258,6 +258,19 @@ class PlanFindings(Refused):
         return {"codes": list(self.codes), "reasons": list(self.reasons) or None}
 
 
+class ChangesRefused(Refused):
+    """Some of several changes cannot be made, so none was made."""
+
+    code = "changes_refused"
+
+    def __init__(self, message: str, *, reasons: tuple[str, ...], remedy: str | None = None) -> None:
+        super().__init__(f"{message} Nothing was written.", remedy=remedy)
+        self.reasons = bounded_reasons(reasons)
+
+    def details(self) -> dict[str, object]:
+        return {"reasons": list(self.reasons)}
+
+
 class Interrupted(Refused):
     """The command ended before its result, because a later command was accepted, its client lost control or
     disconnected, or the vehicle was removed. Nothing more is sent for it."""

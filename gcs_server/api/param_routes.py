@@ -87,7 +87,8 @@ class ParamRequest(StrictBody):
     """Set the value even if it is outside the range in the vehicle's metadata."""
 
 
-def _view(vehicle: Vehicle, param: Param) -> dict[str, object]:
+def param_view(vehicle: Vehicle, param: Param) -> dict[str, object]:
+    """A parameter as `ParameterView`."""
     metadata = vehicle.params.metadata_of(param.name)
     return {
         "name": param.name,
@@ -105,7 +106,7 @@ async def all_params(vehicle: VehicleDep) -> Response:
     head = encode({"vehicle": vehicle.id, "list": vehicle.params.list})
     parts: list[bytes] = []
     for begin in range(0, len(known), MAX_ENCODED_AT_ONCE):
-        parts += [encode(_view(vehicle, param)) for param in known[begin : begin + MAX_ENCODED_AT_ONCE]]
+        parts += [encode(param_view(vehicle, param)) for param in known[begin : begin + MAX_ENCODED_AT_ONCE]]
         await asyncio.sleep(0)
     content = b'%s,"params":[%s]}' % (head[:-1], b",".join(parts))
     return Response(content, media_type="application/json")
@@ -163,7 +164,7 @@ async def refresh_params(
 @router.get("/{v}/params/{name}", response_model=ParameterView)
 async def get_param(vehicle: VehicleDep, name: str) -> Response:
     """Reads one parameter from the vehicle. A vehicle does not answer for an unknown name (504)."""
-    return json_response(_view(vehicle, await vehicle.params.get(name)))
+    return json_response(param_view(vehicle, await vehicle.params.get(name)))
 
 
 @router.put("/{v}/params/{name}", response_model=ParameterView)
@@ -180,4 +181,5 @@ async def set_param(
         arguments["force"] = True
     with authorized_command(station, principal, "param", v, arguments):
         vehicle = station.fleet.get(v)
-        return json_response(_view(vehicle, await vehicle.params.set(name, body.value, force=body.force)))
+        param = await vehicle.params.set(name, body.value, force=body.force)
+        return json_response(param_view(vehicle, param))

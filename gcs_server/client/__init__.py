@@ -23,6 +23,7 @@ from gcs_server.client.blocking import (
     SyncOffboard,
     SyncOffboardMission,
     SyncOperations,
+    SyncParams,
     SyncPlans,
     SyncVehicle,
 )
@@ -40,6 +41,7 @@ from gcs_server.client.errors import (
 )
 from gcs_server.client.mission import Mission, MissionModes, OffboardMission
 from gcs_server.client.offboard import LiveOffboard, Offboard
+from gcs_server.client.params import Params
 from gcs_server.client.plans import DryRuns, Operations, Plans
 from gcs_server.client.vehicle import Gimbal
 
@@ -60,6 +62,7 @@ __all__ = [
     "Offboard",
     "OffboardMission",
     "Operations",
+    "Params",
     "Plans",
     "Refused",
     "SyncControl",
@@ -73,6 +76,7 @@ __all__ = [
     "SyncOffboard",
     "SyncOffboardMission",
     "SyncOperations",
+    "SyncParams",
     "SyncPlans",
     "SyncVehicle",
     "Timeout",

@@ -13,6 +13,7 @@ from gcs_server.client.control import Control, VehicleApi
 from gcs_server.client.errors import ApiError, Timeout, Unreachable
 from gcs_server.client.mission import Mission, MissionModes, OffboardMission
 from gcs_server.client.offboard import Offboard
+from gcs_server.client.params import Params
 from gcs_server.client.plans import Operations
 from gcs_server.client.setpoints import Body, ExpiryAction, first_setpoint, validity_fields
 
@@ -76,6 +77,28 @@ class Gimbal:
         """Stops pointing at a location."""
         await self._post("roi/clear")
 
+    async def pose(self, pose: str) -> None:
+        """Moves to the `neutral` or `retract` position, or to the `centre`."""
+        await self._post("pose", {"pose": pose})
+
+    async def try_axis(
+        self, axis: str, angle_deg: float, *, while_armed: bool = False
+    ) -> dict[str, Any] | None:
+        """Turns one axis (`roll`, `pitch`, `yaw`), and the others to zero, on the bench; refused while the
+        vehicle is armed, unless `while_armed`. Returns the same as `angles`."""
+        body: Body = {"axis": axis, "angle_deg": angle_deg, "while_armed": while_armed}
+        return (await self._post("try", body))["limited"]
+
+    async def setup(self) -> dict[str, Any]:
+        """Parameters, `outputs`, the `module`, and `findings`: what keeps the gimbal from working, and the
+        `changes` that mend it. The vehicle's parameters must have been read."""
+        return (await self._vehicle.request("GET", "/gimbal/setup"))["setup"]
+
+    async def module(self, action: str = "status") -> dict[str, Any]:
+        """State of PX4's gimbal module (`status`), which `start` starts, or starts again with its present
+        parameters."""
+        return (await self._post("module", {"action": action}))["module"]
+
 
 T = TypeVar("T")
 
@@ -99,6 +122,7 @@ class Vehicle:
         self.id = vehicle_id
         self.gimbal = Gimbal(self)
         self.control = Control(self)
+        self.params = Params(self)
         self.mission = Mission(self, gcs.operations())
         self.offboard_mission = OffboardMission(self)
         self.mission_modes = MissionModes(self)
@@ -252,6 +276,10 @@ class Vehicle:
     async def set_param(self, name: str, value: float) -> None:
         """Sets one parameter and verifies it."""
         await self.request("PUT", f"/params/{name}", {"value": value})
+
+    async def restart(self) -> None:
+        """Restarts the autopilot; refused while armed. PX4 in simulation refuses, too."""
+        await self.request("POST", "/restart", {"confirm": f"vehicle {self.id} restarts"})
 
     async def shell(self, line: str, *, while_armed: bool = False, wait_s: float = 2.0) -> str:
         """Sends a line to the vehicle's console (PX4's shell); returns its output.

@@ -238,10 +238,23 @@ ALL: tuple[Command, ...] = (
         "kill", "Stop motors", "POST /vehicles/{v}/kill", confirm_text="motors stop, vehicle {vehicle} falls"
     ),
     # payload
-    *(_gimbal(action) for action in ("take", "release", "angles", "rates", "roi", "roi/clear")),
+    *(
+        _gimbal(action)
+        for action in ("take", "release", "angles", "rates", "roi", "roi/clear", "pose", "try", "module")
+    ),
     Command("camera/picture", "payload", ("POST /vehicles/{v}/camera/picture",), "lease", "the vehicle"),
     # settings of a vehicle
     _configuration("param", "PUT /vehicles/{v}/params/{name}"),
+    _configuration("param_changes/apply", "POST /vehicles/{v}/param_changes/apply"),
+    Command(
+        "restart",
+        "fly",
+        ("POST /vehicles/{v}/restart",),
+        "lease",
+        "the vehicle",
+        confirmed=True,
+        confirm_text="vehicle {vehicle} restarts",
+    ),
     Command("shell", "fly", ("POST /vehicles/{v}/shell",), "lease", "the vehicle"),
     _configuration("offboard/limits", "PUT /vehicles/{v}/offboard/limits"),
     _configuration("offboard/failsafe", "PUT /vehicles/{v}/offboard/failsafe"),
@@ -321,9 +334,12 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/shell",
         "GET /vehicles/{v}/params",
         "GET /vehicles/{v}/params/{name}",
+        "GET /vehicles/{v}/param_changes",
+        "GET /vehicles/{v}/gimbal/setup",
         "GET /groups",
         "GET /groups/{g}",
     ),
+    _view("param_changes/review", "POST /vehicles/{v}/param_changes/review"),
     _view(
         "plans",
         "GET /plans",

@@ -12,12 +12,13 @@ from typing import Any
 
 import msgspec
 
-from gcs_server.vehicle import event_document, param_document
+from gcs_server.vehicle import actuator_document, event_document, param_document
+from gcs_server.vehicle.actuator_document import Output
 from gcs_server.vehicle.event_definitions import Definition
 from gcs_server.vehicle.metadata_limits import Document, OmittedEntries, cut
 from gcs_server.vehicle.param_metadata import ParamMetadata
 
-PARAMETERS, EVENTS = 1, 4
+PARAMETERS, EVENTS, ACTUATORS = 1, 4, 5
 """COMP_METADATA_TYPE."""
 MAX_PACKED_BYTES, MAX_BYTES = 2_000_000, 8_000_000
 """Limits of a file; PX4's largest file has 60 kB, and 0.8 MB unpacked."""
@@ -75,10 +76,12 @@ _encoder = msgspec.msgpack.Encoder()
 _parsers: dict[int, Callable[[bytes], Document[Any, Any]]] = {
     PARAMETERS: param_document.parse,
     EVENTS: event_document.parse,
+    ACTUATORS: actuator_document.parse,
 }
 _decoders: dict[int, msgspec.msgpack.Decoder[Any]] = {
     PARAMETERS: msgspec.msgpack.Decoder(list[tuple[str, ParamMetadata]]),
     EVENTS: msgspec.msgpack.Decoder(list[tuple[int, Definition]]),
+    ACTUATORS: msgspec.msgpack.Decoder(list[tuple[str, Output]]),
 }
 
 

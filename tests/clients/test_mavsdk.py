@@ -4,46 +4,26 @@ vehicle."""
 from __future__ import annotations
 
 import asyncio
-import math
-import re
 import socket
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 from mavsdk import System
 from mavsdk.offboard import PositionNedYaw
 
 from tests.clients.observed_vehicle import ObservedVehicle
+from tests.clients.seed_program import gimbal_program, has_reached
 from tests.station import free_port
-
-
-def has_reached(values: list[dict[str, Any]], roll_deg: float, pitch_deg: float) -> bool:
-    """Whether the gimbal ever reached these angles within 3°; straight up and down, roll is undefined."""
-    is_steep = abs(pitch_deg) > 85
-    return any(
-        abs(math.degrees(value["pitch_rad"]) - pitch_deg) < 3
-        and (is_steep or abs(math.degrees(value["roll_rad"]) - roll_deg) < 3)
-        for value in values
-    )
 
 
 def test_the_gimbal_program_runs_to_its_end_and_the_gimbal_moves(
     reference_data: Path, observed_vehicle: ObservedVehicle, tmp_path: Path
 ) -> None:
-    documents = sorted((reference_data / "seeds").glob("000*.txt"))
-    if not documents:
+    path = gimbal_program(reference_data, tmp_path, observed_vehicle.tcp_port)
+    if path is None:
         pytest.skip("the document with the gimbal program is not beside this checkout")
-    text = documents[0].read_text(encoding="utf-8")
-    program = text[text.rindex("#!/usr/bin/env python3") :]
-    program, replaced = re.subn(
-        r"tcpout://[\d.]+:5760", f"tcpout://127.0.0.1:{observed_vehicle.tcp_port}", program
-    )
-    assert replaced == 1
-    path = tmp_path / "program.py"
-    path.write_text(program, encoding="utf-8")
 
     result = subprocess.run(
         [sys.executable, "-W", "ignore", str(path)], capture_output=True, text=True, timeout=120, check=False

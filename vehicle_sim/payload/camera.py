@@ -141,7 +141,7 @@ class Camera:
 
     def orientation(self) -> Quaternion:
         """Attitude of the camera relative to NED, from the vehicle's estimate."""
-        if not self._gimbal.enabled:
+        if not self._gimbal.running:
             return self._view.estimate.q_ned_frd
         actual = self._gimbal.actual
         return quaternion_of(actual.roll_rad, actual.pitch_rad, self._gimbal.yaw_ned_rad)
@@ -179,7 +179,7 @@ class Camera:
         """
         truth, row = self._view.simulation.truth, self._view.row
         q = truth.q_ned_frd[row]
-        if self._gimbal.enabled:
+        if self._gimbal.running:
             actual, yaw = self._gimbal.actual, float(euler_of(q[None, :])[0, 2])
             q = np.array(quaternion_of(actual.roll_rad, actual.pitch_rad, yaw + actual.yaw_rad))
         position_ned_m = truth.position_ned_m[row] - np.array([0.0, 0.0, CAMERA_ABOVE_VEHICLE_M])

@@ -1,6 +1,8 @@
 """A three-axis gimbal and its manager: who controls the gimbal, setpoints and motion.
 
-The manager behaves like PX4's with MNT_MODE_IN 4. With MNT_MODE_OUT 0 the manager drives servos, which reach
+The module reads MNT_MODE_IN and MNT_MODE_OUT when it starts: at boot unless MNT_MODE_IN is -1, or by the
+console's `gimbal start`. Without an input by MAVLink it runs, but takes no commands (a guess: PX4 was
+recorded with an input, and without the module). With MNT_MODE_OUT 0 the manager drives servos, which reach
 the setpoint immediately, up to half of MNT_RANGE_* to either side. Servo angles are relative to the body,
 unless MNT_DO_STAB compensates the vehicle's attitude. With MNT_MODE_OUT 2 the manager commands a separate
 gimbal device. The device has a lag and a maximum rate, and keeps a locked yaw relative to north.
@@ -19,7 +21,8 @@ from vehicle_sim.vehicle_view import VehicleView
 
 TIME_CONSTANT_S = 0.15
 RATE_LIMIT_RAD_S = math.radians(90.0)
-INPUT_MAVLINK_V2 = 4
+MAVLINK_INPUTS = (0, 4)
+"""MNT_MODE_IN with gimbal protocol version 2: together with RC, or alone."""
 OUTPUT_DEVICE = 2
 STABILISE_ALL, STABILISE_YAW = 1, 2
 """MNT_DO_STAB."""
@@ -73,6 +76,10 @@ class Gimbal:
     def __init__(self, view: VehicleView, waypoint: Callable[[], GlobalPosition | None]) -> None:
         self._view = view
         self._get_waypoint = waypoint
+        self._input: int | None = None
+        """MNT_MODE_IN when the module started; None: it does not run."""
+        self._output = 0
+        """MNT_MODE_OUT when the module started."""
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         self.primary = (0, 0)
         self.setpoint = Angles()
@@ -90,16 +97,34 @@ class Gimbal:
         self._waypoint_offsets: Angles | None = None
         """Offsets relative to the direction of the next waypoint; None: the gimbal does not point at a
         waypoint."""
+        if view.choice("MNT_MODE_IN") >= 0:
+            self.start()
+
+    def start(self) -> None:
+        """Starts the module with the present MNT_MODE_IN and MNT_MODE_OUT."""
+        self._input, self._output = self._view.choice("MNT_MODE_IN"), self._view.choice("MNT_MODE_OUT")
+        self.at_rest = False
+
+    def stop(self) -> None:
+        """Stops the module; nobody has control afterwards."""
+        self._input = None
+        self.primary = (0, 0)
+        self.centre()
+
+    @property
+    def running(self) -> bool:
+        """Whether the gimbal module runs."""
+        return self._input is not None
 
     @property
     def enabled(self) -> bool:
-        """Whether the gimbal module runs (MNT_MODE_IN)."""
-        return self._view.choice("MNT_MODE_IN") == INPUT_MAVLINK_V2
+        """Whether the gimbal module takes commands by MAVLink."""
+        return self._input in MAVLINK_INPUTS
 
     @property
     def has_device(self) -> bool:
         """Whether the manager commands a separate gimbal device instead of servos."""
-        return self._view.choice("MNT_MODE_OUT") == OUTPUT_DEVICE
+        return self._output == OUTPUT_DEVICE
 
     @property
     def device_id(self) -> int:
@@ -304,7 +329,7 @@ class Gimbal:
 
     def servo_controls(self) -> tuple[float, float, float] | None:
         """Roll, pitch and yaw of the servo functions 420 to 422, -1..1; None: the gimbal drives no servos."""
-        if not self.enabled or self.has_device:
+        if not self.running or self.has_device:
             return None
         angles = (self.actual.roll_rad, self.actual.pitch_rad, self.actual.yaw_rad)
         offsets = (math.radians(self._view.parameter(f"MNT_OFF_{axis}")) for axis in AXES)

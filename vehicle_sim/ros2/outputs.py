@@ -173,7 +173,7 @@ class Outputs:
             self._timesync.next_at_us = now_us + self._timesync.output.every_us
             self._publish_timesync(now_us)
         self._publish_triplet(now_us)
-        if self._gimbal is not None and self._autopilot.gimbal.enabled and self._gimbal.period_ended(now_us):
+        if self._gimbal is not None and self._autopilot.gimbal.running and self._gimbal.period_ended(now_us):
             self._send(self._gimbal.output, self._gimbal_values(), now_us)
 
     def _send(self, output: Output, values: dict[str, Any], now_us: int) -> None:

@@ -126,10 +126,10 @@ class CommanderCommand:
 class GimbalCommand:
     """The command `gimbal`."""
 
-    usage = "start | status | primary-control SYSTEM COMPONENT | test pitch|yaw DEGREES ..."
+    usage = "start | stop | status | primary-control SYSTEM COMPONENT | test pitch|yaw DEGREES ..."
 
     def __init__(self, autopilot: Autopilot, autopilot_id: tuple[int, int]) -> None:
-        self._view, self._gimbal, self._autopilot_id = autopilot.view, autopilot.gimbal, autopilot_id
+        self._gimbal, self._autopilot_id = autopilot.gimbal, autopilot_id
         self._test_angles_deg: dict[str, float] = {}
         """Angles of the last `gimbal test`, by axis."""
         self.command = ShellCommand(self.run, self.usage)
@@ -137,13 +137,14 @@ class GimbalCommand:
     def run(self, arguments: Arguments) -> str:
         """Runs `gimbal …`."""
         if arguments == ["start"]:
-            if self._gimbal.enabled:
-                return warning("gimbal", "already running")
-            raise CommandFailed(error("gimbal", "no input: MNT_MODE_IN must be 4"))
+            return self._start()
         if not arguments:
             raise UsageError
-        if not self._gimbal.enabled:
+        if not self._gimbal.running:
             raise CommandFailed(warning("gimbal", "not running"))
+        if arguments == ["stop"]:
+            self._gimbal.stop()
+            return ""
         if arguments == ["status"]:
             return self._status()
         if arguments[0] == "primary-control" and len(arguments) == 3:
@@ -152,9 +153,18 @@ class GimbalCommand:
             return self._set_test_angles(arguments[1:])
         raise UsageError(f"unknown: {' '.join(arguments)}")
 
+    def _start(self) -> str:
+        if self._gimbal.running:
+            return warning("gimbal", "already running")
+        self._gimbal.start()
+        return (
+            ""
+            if self._gimbal.enabled
+            else error("gimbal", "no input by MAVLink: MNT_MODE_IN is neither 0 nor 4")
+        )
+
     def _status(self) -> str:
         angles = {axis: self._test_angles_deg.get(axis, math.nan) for axis in ("roll", "pitch", "yaw")}
-        output_mode = self._view.choice("MNT_MODE_OUT")
         return (
             info("gimbal", "Input Selected")
             + info("gimbal", "Input not selected")
@@ -163,9 +173,11 @@ class GimbalCommand:
             f"  pitch: {angles['pitch']: .1f} deg\n"
             f"  yaw  : {angles['yaw']: .1f} deg\n"
             "  rollrate :  nan deg/s\n  pitchrate:  nan deg/s\n  yawrate  :  nan deg/s\n"
-            + info("gimbal", "Input: Mavlink (Gimbal V2)")
+            + (info("gimbal", "Input: Mavlink (Gimbal V2)") if self._gimbal.enabled else "")
             + info("gimbal", "Primary control:   {}/{}".format(*self._gimbal.primary))
-            + info("gimbal", "Output: AUX" if output_mode == 0 else "Output: MAVLink gimbal protocol v2")
+            + info(
+                "gimbal", "Output: MAVLink gimbal protocol v2" if self._gimbal.has_device else "Output: AUX"
+            )
         )
 
     def _set_primary_control(self, arguments: Arguments) -> str:

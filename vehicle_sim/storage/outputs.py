@@ -54,7 +54,13 @@ def actuators_document() -> dict[str, Any]:
                 "subgroups": [
                     {
                         "per-channel-parameters": [
-                            {"name": "PWM_MAIN_FUNC${i}", "function": "function", "label": "Function"}
+                            {"name": "PWM_MAIN_FUNC${i}", "function": "function", "label": "Function"},
+                            {
+                                "name": "PWM_MAIN_REV",
+                                "index-offset": -1,
+                                "show-as": "bitset",
+                                "label": "Reversed",
+                            },
                         ],
                         "channels": [
                             {"label": f"Channel {n}", "param-index": n} for n in range(1, OUTPUT_CHANNELS + 1)

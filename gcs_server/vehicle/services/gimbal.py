@@ -13,6 +13,7 @@ import asyncio
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
@@ -31,6 +32,9 @@ from missions.frames import q_from_euler, wrap_pi
 DEADLINE_S = 5.0
 RESEND_S = 0.3
 KEEP, RELEASE = -1.0, -3.0
+Pose = Literal["neutral", "retract", "centre"]
+Axis = Literal["roll", "pitch", "yaw"]
+MAX_ROLL_DEG = 180.0
 YAW_LOCK = d.GIMBAL_MANAGER_FLAGS_YAW_LOCK
 MAX_PITCH_DEG = 90.0
 MAX_RATE_DEG_S = 180.0
@@ -114,7 +118,7 @@ class GimbalService:
         check_range("pitch_deg", pitch_deg, -MAX_PITCH_DEG, MAX_PITCH_DEG)
         check_range("yaw_deg", yaw_deg, -360.0, 360.0)
         if roll_deg is not None:
-            check_range("roll_deg", roll_deg, -180.0, 180.0)
+            check_range("roll_deg", roll_deg, -MAX_ROLL_DEG, MAX_ROLL_DEG)
         self._vehicle.require("gimbal")
         self._check_limits(pitch_deg, yaw_deg, yaw_lock)
         await self._require_control()
@@ -131,6 +135,48 @@ class GimbalService:
         return await wait_until_stopped(
             self._vehicle, component_id, self.reading, (pitch_deg, yaw_deg, yaw_lock)
         )
+
+    async def set_pose(self, pose: Pose) -> None:
+        """Moves to the neutral or the retracted position, or to the centre (level and straight ahead). Where
+        these positions are, the gimbal decides; PX4's servo outputs centre for each."""
+        if pose == "centre":
+            await self.set_angles(0.0, 0.0)
+            return
+        self._vehicle.require("gimbal")
+        await self._require_control()
+        flag = d.GIMBAL_MANAGER_FLAGS_NEUTRAL if pose == "neutral" else d.GIMBAL_MANAGER_FLAGS_RETRACT
+        await self._run_until_acknowledged(
+            Request(
+                d.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, (NAN, NAN, NAN, NAN, float(flag), 0, self._device())
+            ),
+            f"go to its {pose} position" if pose == "neutral" else "retract",
+        )
+        self._rois.pop(self._gimbal_address(), None)
+
+    async def try_axis(
+        self, axis: Axis, angle_deg: float, *, while_armed: bool = False
+    ) -> GimbalLimited | None:
+        """Turns one axis to an angle and the others to zero, for a test on the bench.
+
+        Args:
+            axis: the axis.
+            angle_deg: right side down, up, or to the right is positive.
+            while_armed: also while the vehicle is armed, so that its motors may turn.
+
+        Raises:
+            Refused: the vehicle is armed, or another station controls the gimbal.
+        """
+        vehicle = self._vehicle
+        if vehicle.status.armed and not while_armed:
+            raise Refused(
+                f"Vehicle {vehicle.id} is armed: its motors may turn while somebody watches the gimbal.",
+                remedy="Disarm first, or send it with while_armed if that is meant.",
+            )
+        angles = {"roll": 0.0, "pitch": 0.0, "yaw": 0.0, axis: angle_deg}
+        if axis == "roll":
+            check_range("angle_deg", angle_deg, -MAX_ROLL_DEG, MAX_ROLL_DEG)
+        roll_deg = angles["roll"] if axis == "roll" else None
+        return await self.set_angles(angles["pitch"], angles["yaw"], roll_deg=roll_deg)
 
     def point(self, pitch_rad: float, yaw_ned_rad: float) -> None:
         """Points the camera without waiting, for targets that are sent many times a second.
@@ -290,8 +336,8 @@ class GimbalService:
                 f"Vehicle {self._vehicle.id} did not answer the request to {action} within "
                 f"{error.deadline_s:g} s.",
                 deadline_s=error.deadline_s,
-                remedy="The vehicle may have no gimbal (PX4: set MNT_MODE_IN 4 and MNT_MODE_OUT, then "
-                "restart it).",
+                remedy="The vehicle may have no gimbal, or no input for it; GET …/gimbal/setup says what is "
+                "missing.",
             ) from None
 
     async def _request_controller(self) -> tuple[int, int] | None:
@@ -317,7 +363,7 @@ class GimbalService:
             raise NoReply(
                 f"Vehicle {self._vehicle.id} reports no gimbal.",
                 deadline_s=DEADLINE_S,
-                remedy="PX4: set MNT_MODE_IN 4 and MNT_MODE_OUT, then restart it.",
+                remedy="GET …/gimbal/setup says what is missing.",
             ) from error
         return reported[-1]
 

@@ -1,4 +1,4 @@
-"""Metadata of a vehicle's parameters and events, read from the vehicle by FTP on request.
+"""Metadata of a vehicle's parameters, events and outputs, read from the vehicle by FTP on request.
 
 COMPONENT_METADATA names a general document and its checksum; the general document names the other documents.
 Fetched files are cached by vehicle and checksum, so the next time only one message is requested. The server
@@ -19,8 +19,9 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.mailbox import Reply
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import metadata_files
+from gcs_server.vehicle.actuator_document import Output
 from gcs_server.vehicle.event_definitions import Definitions
-from gcs_server.vehicle.metadata_files import EVENTS, PARAMETERS, Damaged, FileEntry
+from gcs_server.vehicle.metadata_files import ACTUATORS, EVENTS, PARAMETERS, Damaged, FileEntry
 from gcs_server.vehicle.metadata_limits import Document
 from gcs_server.vehicle.metadata_process import DocumentReader
 from gcs_server.vehicle.param_metadata import MetadataByName
@@ -28,7 +29,7 @@ from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import is_our_ack
 
-NAMES = {PARAMETERS: "parameters", EVENTS: "events"}
+NAMES = {PARAMETERS: "parameters", EVENTS: "events", ACTUATORS: "outputs"}
 MAX_REQUESTS, REQUEST_PERIOD_S = 6, 0.5
 MAX_FETCHES = 2
 _uri = re.compile(r"mftp://(?:\[?;comp=(\d{1,3})\]?)?/?(.{1,200})")
@@ -93,6 +94,10 @@ class MetadataService:
     async def events(self) -> Definitions:
         """Metadata of all events of the firmware; raises the errors of `parameters`."""
         return await self._load(EVENTS)
+
+    async def outputs(self) -> Document[str, Output]:
+        """The vehicle's outputs by the parameter of their function; raises the errors of `parameters`."""
+        return await self._load(ACTUATORS)
 
     async def _load(self, kind: int) -> Document[Any, Any]:
         self._vehicle.require("files")

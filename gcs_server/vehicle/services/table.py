@@ -4,7 +4,10 @@ and a row here; routes reach it by `vehicle.service(LogService)`."""
 from __future__ import annotations
 
 from gcs_server.vehicle.services.camera import CameraService
+from gcs_server.vehicle.services.gimbal_setup import GimbalSetupService
 from gcs_server.vehicle.services.logs import LogService
+from gcs_server.vehicle.services.param_changes import ParamChanges
+from gcs_server.vehicle.services.restart import RestartService
 from gcs_server.vehicle.services.shell import ShellService
 
-SERVICES = (CameraService, LogService, ShellService)
+SERVICES = (CameraService, GimbalSetupService, LogService, ParamChanges, RestartService, ShellService)

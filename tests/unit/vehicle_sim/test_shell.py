@@ -195,10 +195,22 @@ def test_gimbal_commands_set_control_and_angles(terminal):
     assert "component ids are 0 to 255" in terminal.output_of("gimbal primary-control 999 1")
 
 
-def test_with_mnt_mode_in_disabled_the_gimbal_does_not_run():
+def test_a_gimbal_without_input_runs_after_start_and_takes_commands_after_another_start():
     terminal = Terminal(parameters={"MNT_MODE_IN": -1})
+    gimbal = terminal.station.sim.autopilots[0].gimbal
     assert "not running" in terminal.output_of("gimbal status")
     assert "MNT_MODE_IN" in terminal.output_of("gimbal start")
+    assert (gimbal.running, gimbal.enabled) == (True, False)
+    assert "Input: Mavlink" not in terminal.output_of("gimbal status")
+    terminal.output_of("param set MNT_MODE_IN 4")
+    assert not gimbal.enabled
+    assert "already running" in terminal.output_of("gimbal start")
+    terminal.output_of("gimbal primary-control 1 1")
+    assert terminal.output_of("gimbal stop") == ""
+    assert terminal.output_of("gimbal start") == ""
+    status = terminal.output_of("gimbal status")
+    assert "Input: Mavlink" in status
+    assert "Primary control:   0/0" in status
 
 
 def test_the_listener_shows_every_topic_of_the_logger(terminal):

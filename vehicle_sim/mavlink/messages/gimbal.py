@@ -1,4 +1,6 @@
-"""Messages of the gimbal manager and the gimbal device; none is sent while the gimbal is disabled."""
+"""Messages of the gimbal manager, sent while it takes commands by MAVLink, and of the gimbal device, sent
+while the gimbal module runs.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ class GimbalMessages(MessageGroup):
 
     def mount_orientation(self) -> bytes | None:
         gimbal = self._autopilot.gimbal
-        if not gimbal.enabled:
+        if not gimbal.running:
             return None
         angles = gimbal.actual
         return pack(
@@ -56,7 +58,7 @@ class GimbalMessages(MessageGroup):
 
     def gimbal_device_attitude_status(self) -> bytes | None:
         gimbal = self._autopilot.gimbal
-        if not gimbal.enabled:
+        if not gimbal.running:
             return None
         rates = gimbal.rates
         return pack(

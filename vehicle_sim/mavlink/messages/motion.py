@@ -26,6 +26,7 @@ UNUSED_OUTPUT_US = 900
 OUTPUTS = 16
 FIRST_MOTOR_FUNCTION, FIRST_GIMBAL_FUNCTION = 101, 420
 """Values of PWM_MAIN_FUNC*: the first of twelve motors; the gimbal's roll, which pitch and yaw follow."""
+CENTRE_US = 1500
 FUNCTION_NAMES = tuple(f"PWM_MAIN_FUNC{n}" for n in range(1, OUTPUTS + 1))
 PREARM_ALWAYS = 2
 
@@ -241,12 +242,16 @@ class MotionMessages(MessageGroup):
         motors = [round(value) for value in self._view.simulation.motors_us[self._view.row].tolist()]
         functions = self._output_functions()
         servos = self._servos_us() if max(functions) >= FIRST_GIMBAL_FUNCTION else {}
+        reversed_bits = self._view.choice("PWM_MAIN_REV") if servos else 0
         values: list[int] = []
-        for function in functions:
+        for output, function in enumerate(functions):
             motor = function - FIRST_MOTOR_FUNCTION
-            values.append(
-                motors[motor] if 0 <= motor < len(motors) else servos.get(function, UNUSED_OUTPUT_US)
-            )
+            if 0 <= motor < len(motors):
+                values.append(motors[motor])
+            elif function in servos and reversed_bits >> output & 1:
+                values.append(2 * CENTRE_US - servos[function])
+            else:
+                values.append(servos.get(function, UNUSED_OUTPUT_US))
         return values
 
     def _output_functions(self) -> list[int]:
@@ -262,4 +267,6 @@ class MotionMessages(MessageGroup):
         active = self._autopilot.commander.armed or self._view.choice("COM_PREARM_MODE") == PREARM_ALWAYS
         if controls is None or not active:
             return {}
-        return {FIRST_GIMBAL_FUNCTION + k: round(1500.0 + 500.0 * value) for k, value in enumerate(controls)}
+        return {
+            FIRST_GIMBAL_FUNCTION + k: round(CENTRE_US + 500.0 * value) for k, value in enumerate(controls)
+        }

@@ -382,6 +382,9 @@ export const BOUNDS = {
     yaw_ned_rad: {"min":-6.283185307179586,"max":6.283185307179586},
     yaw_rate_ned_rad_s: {"min":-3.5,"max":3.5},
   },
+  TryRequest: {
+    angle_deg: {"min":-360,"max":360},
+  },
   UploadRequest: {
     version: {"min":1},
   },

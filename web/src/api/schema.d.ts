@@ -643,6 +643,89 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/gimbal/module": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Module
+         * @description Starts PX4's gimbal module, or asks for its status, on the vehicle's console; refused while the vehicle
+         *     is armed.
+         */
+        readonly post: operations["module_api_v1_vehicles__v__gimbal_module_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal/pose": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Pose
+         * @description Moves the gimbal to its neutral or retracted position, or to the centre.
+         */
+        readonly post: operations["pose_api_v1_vehicles__v__gimbal_pose_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal/try": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Try
+         * @description Turns one axis, and the others to zero, for a test on the bench; refused while the vehicle is armed,
+         *     unless `while_armed` is set. Needs control of the gimbal; answers as `gimbal/angles`.
+         */
+        readonly post: operations["try_api_v1_vehicles__v__gimbal_try_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/restart": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Restart
+         * @description Restarts the vehicle's autopilot; refused while armed. Answers once the vehicle has acknowledged it; it
+         *     is then silent for some seconds. PX4 in simulation refuses (409 `rejected`).
+         */
+        readonly post: operations["restart_api_v1_vehicles__v__restart_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/me": {
         readonly parameters: {
             readonly query?: never;
@@ -885,6 +968,27 @@ export interface paths {
          *     be read.
          */
         readonly get: operations["list_elevation_files_api_v1_elevation_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/gimbal/setup": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Setup
+         * @description Parameters and outputs of the gimbal, the state of its module, and what keeps it from working, with the
+         *     parameters that mend it (`POST …/param_changes/review`, then `POST …/param_changes/apply`).
+         */
+        readonly get: operations["show_setup_api_v1_vehicles__v__gimbal_setup_get"];
         readonly put?: never;
         readonly post?: never;
         readonly delete?: never;
@@ -1758,6 +1862,72 @@ export interface paths {
          *     controls the operation's vehicle.
          */
         readonly delete: operations["cancel_operation_api_v1_operations__o__delete"];
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/param_changes/review": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Review
+         * @description Compares values with the vehicle's parameters and names what would change and what is refused, and why.
+         *     Writes nothing; up to 80 parameters that were not read before are read.
+         */
+        readonly post: operations["review_api_v1_vehicles__v__param_changes_review_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/param_changes/apply": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Apply
+         * @description Writes reviewed changes one after the other; the vehicle's answer shows which were taken (`last`).
+         *
+         *     Refused as a whole (409 `changes_refused`, with reasons), before anything is written, if one of them
+         *     cannot be written, or if the vehicle has another value than the review showed; also while the vehicle is
+         *     armed, unless `while_armed` is set. The rest is not written once the client has lost control. An
+         *     operation: `DELETE /operations/{id}` stops it.
+         */
+        readonly post: operations["apply_api_v1_vehicles__v__param_changes_apply_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/param_changes": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Changes
+         * @description What became of the newest change, what waits for a restart, and how much can be undone.
+         */
+        readonly get: operations["show_changes_api_v1_vehicles__v__param_changes_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
         readonly patch?: never;
@@ -2783,6 +2953,46 @@ export interface components {
             readonly client: string;
         };
         /**
+         * ApplyRequest
+         * @description Reviewed changes.
+         * @example {
+         *       "changes": [
+         *         {
+         *           "name": "MNT_MODE_IN",
+         *           "old": -1,
+         *           "value": 4
+         *         }
+         *       ]
+         *     }
+         */
+        readonly ApplyRequest: {
+            /**
+             * Changes
+             * @description The changes; none is written unless all can be.
+             */
+            readonly changes: readonly components["schemas"]["ReviewedChange"][];
+            /**
+             * Force
+             * @description Write also values outside the documented range and choices.
+             */
+            readonly force?: boolean;
+            /**
+             * While Armed
+             * @description Write also while the vehicle is armed; the values act at once.
+             */
+            readonly while_armed?: boolean;
+            /**
+             * Undo
+             * @description Whether these are the values of a review with `undo`: then the newest change counts as undone.
+             */
+            readonly undo?: boolean;
+            /**
+             * Wait
+             * @description Answer once all are written; false: answer at once, and `GET …/param_changes` has the result.
+             */
+            readonly wait?: boolean;
+        };
+        /**
          * ArmRequest
          * @description What the caller accepts when it arms.
          * @example {
@@ -3454,6 +3664,39 @@ export interface components {
              * @description Version that was changed; 409 if it is not the newest.
              */
             readonly base_version: number;
+        };
+        /**
+         * ChangesView
+         * @description State of the changes of a vehicle's parameters.
+         */
+        readonly ChangesView: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            readonly vehicle: string;
+            /**
+             * Writing
+             * @description Whether a change is being written.
+             */
+            readonly writing: boolean;
+            /**
+             * Operation
+             * @description Id of the operation that writes, in the answer of `apply` without `wait`.
+             */
+            readonly operation: string | null;
+            /**
+             * Waiting
+             * @description Changed parameters that take effect only after a restart of the vehicle.
+             */
+            readonly waiting: readonly string[];
+            /**
+             * Undo Count
+             * @description Number of changes that can be undone, one after the other.
+             */
+            readonly undo_count: number;
+            /** @description What became of the newest change; null: there was none. */
+            readonly last: components["schemas"]["WrittenParams"] | null;
         };
         /**
          * ChosenSource
@@ -5862,6 +6105,84 @@ export interface components {
             readonly text: string;
         };
         /**
+         * GimbalModule
+         * @description State of PX4's gimbal module.
+         */
+        readonly GimbalModule: {
+            /**
+             * State
+             * @description State.
+             * @enum {string}
+             */
+            readonly state: "input_mavlink" | "input_none" | "not_running" | "unknown";
+            /**
+             * Text
+             * @description Text.
+             */
+            readonly text: string;
+            /**
+             * Console
+             * @description Newest output of `gimbal status` on the vehicle's console; null: not asked.
+             */
+            readonly console: string | null;
+        };
+        /**
+         * GimbalOutput
+         * @description One output of the vehicle, and its function.
+         */
+        readonly GimbalOutput: {
+            /**
+             * Name
+             * @description As printed on boards, such as MAIN 7.
+             */
+            readonly name: string;
+            /**
+             * Label
+             * @description Group and channel in the vehicle's metadata.
+             */
+            readonly label: string;
+            /**
+             * Function Param
+             * @description Parameter of the function.
+             */
+            readonly function_param: string;
+            /**
+             * Function
+             * @description Function.
+             */
+            readonly function: number;
+            /**
+             * Function Label
+             * @description Name of the function in the vehicle's metadata.
+             */
+            readonly function_label: string | null;
+            /**
+             * Axis
+             * @description Axis of the gimbal that it drives; null: none.
+             */
+            readonly axis: ("roll" | "pitch" | "yaw") | null;
+            /**
+             * Reverse Param
+             * @description Parameter with one bit for each reversed output; null: the output cannot be reversed.
+             */
+            readonly reverse_param: string | null;
+            /**
+             * Reverse Bit
+             * @description Bit of this output in `reverse_param`.
+             */
+            readonly reverse_bit: number;
+            /**
+             * Reversed
+             * @description Whether the output's direction is reversed; null: it cannot be.
+             */
+            readonly reversed: boolean | null;
+            /**
+             * Pwm Us
+             * @description Newest pulse [µs]; null: the vehicle reports none for this output.
+             */
+            readonly pwm_us: number | null;
+        };
+        /**
          * GimbalPitchYaw
          * @description Point the gimbal: angles in degrees, rates in degrees per second, pitch positive up; None: unchanged.
          *
@@ -6120,6 +6441,71 @@ export interface components {
             readonly received_unix_s: number;
             /** @description The sample itself. */
             readonly value: components["schemas"]["gcs_server__api__reflect__Gimbal"];
+        };
+        /**
+         * GimbalSetup
+         * @description Everything that a gimbal's set-up needs.
+         */
+        readonly GimbalSetup: {
+            /**
+             * Settings
+             * @description Names of the vehicle's parameters of the set-up, in the order in which a person sets them.
+             */
+            readonly settings: readonly string[];
+            /**
+             * Reverse Params
+             * @description Names of the parameters that reverse outputs.
+             */
+            readonly reverse_params: readonly string[];
+            /**
+             * Outputs
+             * @description Outputs.
+             */
+            readonly outputs: readonly components["schemas"]["GimbalOutput"][];
+            /**
+             * Outputs Problem
+             * @description Why the outputs are not those of the vehicle's metadata; null: they are.
+             */
+            readonly outputs_problem: string | null;
+            /**
+             * Functions
+             * @description Function of an output for each axis.
+             */
+            readonly functions: {
+                readonly [key: string]: number;
+            };
+            /** @description Module. */
+            readonly module: components["schemas"]["GimbalModule"];
+            /**
+             * Findings
+             * @description Findings.
+             */
+            readonly findings: readonly components["schemas"]["SetupFinding"][];
+            /**
+             * Waiting
+             * @description Changed parameters that take effect only after a restart.
+             */
+            readonly waiting: readonly string[];
+        };
+        /**
+         * GimbalSetupView
+         * @description A gimbal's set-up.
+         */
+        readonly GimbalSetupView: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            readonly vehicle: string;
+            /** @description State of the list of parameters. */
+            readonly list: components["schemas"]["ParameterList"];
+            /** @description What is set, and what is missing; null until the parameters have been read. */
+            readonly setup: components["schemas"]["GimbalSetup"] | null;
+            /**
+             * Params
+             * @description The parameters that the set-up names.
+             */
+            readonly params: readonly components["schemas"]["ParameterView"][];
         };
         /**
          * GimbalView
@@ -8885,6 +9271,47 @@ export interface components {
             readonly mode_label: string;
         };
         /**
+         * ModuleDone
+         * @description Result of a call to the gimbal module.
+         */
+        readonly ModuleDone: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            readonly vehicle: string;
+            /**
+             * Command
+             * @description The command.
+             */
+            readonly command: string;
+            /**
+             * Duration S
+             * @description Time from the request until the vehicle's state showed the result [s].
+             */
+            readonly duration_s: number;
+            /** @description State of the vehicle afterwards. */
+            readonly status: components["schemas"]["Status"];
+            /** @description Its state afterwards. */
+            readonly module: components["schemas"]["GimbalModule"];
+        };
+        /**
+         * ModuleRequest
+         * @description What to do with the gimbal module.
+         * @example {
+         *       "action": "status"
+         *     }
+         */
+        readonly ModuleRequest: {
+            /**
+             * Action
+             * @description status: `gimbal status` on the vehicle's console; start: `gimbal start`, of a running module after
+             *     `gimbal stop`, so that it reads its parameters again.
+             * @enum {string}
+             */
+            readonly action: "status" | "start";
+        };
+        /**
          * Motors
          * @description SERVO_OUTPUT_RAW: of several groups, the group with the lowest port (the main outputs).
          */
@@ -11249,6 +11676,22 @@ export interface components {
             ])[];
         };
         /**
+         * PoseRequest
+         * @description A position of the gimbal.
+         * @example {
+         *       "pose": "neutral"
+         *     }
+         */
+        readonly PoseRequest: {
+            /**
+             * Pose
+             * @description neutral and retract: the gimbal's own positions (PX4 centres servos for both); centre: level, straight
+             *     ahead.
+             * @enum {string}
+             */
+            readonly pose: "neutral" | "retract" | "centre";
+        };
+        /**
          * PositionBodySetpoint
          * @description An offset from the vehicle's position along its heading, at the time when the server accepts the
          *     setpoint.
@@ -12059,6 +12502,20 @@ export interface components {
             readonly reason?: string | null;
         };
         /**
+         * RestartRequest
+         * @description Confirmation of a restart.
+         * @example {
+         *       "confirm": "vehicle 1 restarts"
+         *     }
+         */
+        readonly RestartRequest: {
+            /**
+             * Confirm
+             * @description Exactly `vehicle {id} restarts`, with the vehicle's id.
+             */
+            readonly confirm: string;
+        };
+        /**
          * ResumeOffer
          * @description Where an interrupted flight of the plan on the vehicle can be resumed: `POST …/mission/start` with
          *     `item` and `mission_id`.
@@ -12175,6 +12632,148 @@ export interface components {
              * @enum {string}
              */
             readonly kind: "return_home";
+        };
+        /**
+         * ReviewRequest
+         * @description What to compare with the vehicle's parameters; exactly one of `changes`, `defaults`, `of_vehicle`,
+         *     `undo`.
+         * @example {
+         *       "changes": [
+         *         {
+         *           "name": "MNT_MODE_IN",
+         *           "value": 4
+         *         }
+         *       ]
+         *     }
+         */
+        readonly ReviewRequest: {
+            /**
+             * Changes
+             * @description Single values.
+             */
+            readonly changes?: readonly components["schemas"]["WantedValue"][] | null;
+            /**
+             * Defaults
+             * @description The defaults in the vehicle's metadata, of all parameters that differ and that the vehicle does not
+             *     change by itself.
+             */
+            readonly defaults?: boolean;
+            /**
+             * Of Vehicle
+             * @description Id of a vehicle whose parameters to compare; they must have been read.
+             */
+            readonly of_vehicle?: string | null;
+            /**
+             * Undo
+             * @description The values before the newest change.
+             */
+            readonly undo?: boolean;
+            /**
+             * Force
+             * @description Accept values outside the documented range and choices.
+             */
+            readonly force?: boolean;
+        };
+        /**
+         * ReviewRow
+         * @description One parameter of a review.
+         */
+        readonly ReviewRow: {
+            /**
+             * Name
+             * @description Name.
+             */
+            readonly name: string;
+            /**
+             * Line
+             * @description Line of the file, from 1; null: not from a file.
+             */
+            readonly line: number | null;
+            /**
+             * State
+             * @description change: it would be written; same: the vehicle has this value; refused: see `problem`.
+             * @enum {string}
+             */
+            readonly state: "change" | "same" | "refused";
+            /**
+             * Old
+             * @description The vehicle's value; null if not known or not a number.
+             */
+            readonly old: number | null;
+            /**
+             * New
+             * @description The wanted value; null if it could not be read.
+             */
+            readonly new: number | null;
+            /**
+             * Old Label
+             * @description Label of the vehicle's value in its metadata; null: it has none.
+             */
+            readonly old_label: string | null;
+            /**
+             * New Label
+             * @description New label.
+             */
+            readonly new_label: string | null;
+            /**
+             * Unit
+             * @description Unit.
+             */
+            readonly unit: string | null;
+            /**
+             * Title
+             * @description Short description in the vehicle's metadata.
+             */
+            readonly title: string | null;
+            /**
+             * Reboot Required
+             * @description Whether the change takes effect only after a restart.
+             */
+            readonly reboot_required: boolean;
+            /**
+             * Volatile
+             * @description Whether the vehicle changes the parameter by itself, as a statistic or a calibration.
+             */
+            readonly volatile: boolean;
+            /**
+             * Problem
+             * @description Why it is refused.
+             */
+            readonly problem: string | null;
+        };
+        /**
+         * ReviewView
+         * @description The comparison. Nothing was written.
+         */
+        readonly ReviewView: {
+            /**
+             * Vehicle
+             * @description The vehicle's id.
+             */
+            readonly vehicle: string;
+            /**
+             * Rows
+             * @description One row for each wanted value, in their order.
+             */
+            readonly rows: readonly components["schemas"]["ReviewRow"][];
+        };
+        /**
+         * ReviewedChange
+         * @description One change, as the review showed it.
+         */
+        readonly ReviewedChange: {
+            /** Name */
+            readonly name: string;
+            /**
+             * Old
+             * @description The vehicle's value in the review; refused if it has another one now.
+             */
+            readonly old: number | null;
+            /**
+             * Value
+             * @description The new value.
+             */
+            readonly value: number;
         };
         /**
          * Roi
@@ -12686,6 +13285,49 @@ export interface components {
             readonly on_expiry?: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
             /** Setpoint */
             readonly setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
+        };
+        /**
+         * SetupChange
+         * @description A parameter and the value that mends a finding.
+         */
+        readonly SetupChange: {
+            /**
+             * Name
+             * @description Name.
+             */
+            readonly name: string;
+            /**
+             * Value
+             * @description Value.
+             */
+            readonly value: number;
+        };
+        /**
+         * SetupFinding
+         * @description Something that keeps the gimbal from working, and what mends it.
+         */
+        readonly SetupFinding: {
+            /**
+             * Code
+             * @description Code.
+             * @enum {string}
+             */
+            readonly code: "input_none" | "not_started" | "no_outputs" | "prearm_off";
+            /**
+             * Text
+             * @description What is missing, and what it causes.
+             */
+            readonly text: string;
+            /**
+             * Changes
+             * @description Parameters that mend it; empty: a person must choose.
+             */
+            readonly changes: readonly components["schemas"]["SetupChange"][];
+            /**
+             * Restarts
+             * @description Whether the gimbal module must be started again afterwards.
+             */
+            readonly restarts: boolean;
         };
         /**
          * ShellAnswer
@@ -13990,6 +14632,32 @@ export interface components {
             readonly camera: number | null;
         };
         /**
+         * TryRequest
+         * @description One axis of the gimbal, and its angle.
+         * @example {
+         *       "angle_deg": -20,
+         *       "axis": "pitch"
+         *     }
+         */
+        readonly TryRequest: {
+            /**
+             * Axis
+             * @description The axis; the others turn to zero.
+             * @enum {string}
+             */
+            readonly axis: "roll" | "pitch" | "yaw";
+            /**
+             * Angle Deg
+             * @description Angle; right side down, up, and to the right are positive [deg].
+             */
+            readonly angle_deg: number;
+            /**
+             * While Armed
+             * @description Turn it also while the vehicle is armed, so that its motors may turn.
+             */
+            readonly while_armed?: boolean;
+        };
+        /**
          * UnregisterMode
          * @description The mode to remove.
          */
@@ -14529,6 +15197,19 @@ export interface components {
             readonly on_timeout: "continue" | "hold" | "return" | "land";
         };
         /**
+         * WantedValue
+         * @description A value that a parameter should have.
+         */
+        readonly WantedValue: {
+            /** Name */
+            readonly name: string;
+            /**
+             * Value
+             * @description In the parameter's own unit.
+             */
+            readonly value: number;
+        };
+        /**
          * Warnings
          * @description Current warnings.
          */
@@ -14821,6 +15502,70 @@ export interface components {
             readonly received_unix_s: number;
             /** @description The sample itself. */
             readonly value: components["schemas"]["Wind"];
+        };
+        /**
+         * WrittenParam
+         * @description What became of one change.
+         */
+        readonly WrittenParam: {
+            /**
+             * Name
+             * @description Name.
+             */
+            readonly name: string;
+            /**
+             * Old
+             * @description Old.
+             */
+            readonly old: number | null;
+            /**
+             * Value
+             * @description The wanted value.
+             */
+            readonly value: number;
+            /**
+             * Now
+             * @description The value that the vehicle reported afterwards; null: it did not answer, or it was not written.
+             */
+            readonly now: number | null;
+            /**
+             * State
+             * @description set: the vehicle has the value; not_taken: it has another; no_answer: it may or may not have it;
+             *     not_written: nothing was sent.
+             * @enum {string}
+             */
+            readonly state: "set" | "not_taken" | "no_answer" | "not_written";
+            /**
+             * Problem
+             * @description Problem.
+             */
+            readonly problem: string | null;
+        };
+        /**
+         * WrittenParams
+         * @description What became of all changes.
+         */
+        readonly WrittenParams: {
+            /**
+             * Rows
+             * @description Rows.
+             */
+            readonly rows: readonly components["schemas"]["WrittenParam"][];
+            /**
+             * Stopped
+             * @description Why the rest was not written; null: all were sent.
+             */
+            readonly stopped: string | null;
+            /**
+             * Waiting
+             * @description Parameters whose change takes effect only after a restart of the vehicle.
+             */
+            readonly waiting: readonly string[];
+            /**
+             * Undo Count
+             * @description Number of changes that can be undone.
+             */
+            readonly undo_count: number;
         };
         /**
          * StartRequest
@@ -17272,6 +18017,268 @@ export interface operations {
             };
         };
     };
+    readonly module_api_v1_vehicles__v__gimbal_module_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ModuleRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ModuleDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly pose_api_v1_vehicles__v__gimbal_pose_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
+                readonly component?: number | null;
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
+                readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["PoseRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly try_api_v1_vehicles__v__gimbal_try_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description MAVLink component id of the gimbal manager; default: the first gimbal manager. */
+                readonly component?: number | null;
+                /** @description Gimbal device id, if the gimbal manager has several gimbals. */
+                readonly device?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["TryRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["GimbalPointed"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly restart_api_v1_vehicles__v__restart_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["RestartRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     readonly me_api_v1_me_get: {
         readonly parameters: {
             readonly query?: never;
@@ -17951,6 +18958,65 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["ElevationFiles"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_setup_api_v1_vehicles__v__gimbal_setup_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["GimbalSetupView"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];
@@ -20569,6 +21635,200 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["Operation"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly review_api_v1_vehicles__v__param_changes_review_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ReviewRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ReviewView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly apply_api_v1_vehicles__v__param_changes_apply_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ApplyRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ChangesView"];
+                };
+            };
+            /** @description Without `wait`: the values are being written. */
+            readonly 202: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ChangesView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_changes_api_v1_vehicles__v__param_changes_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ChangesView"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -78,6 +78,14 @@ export function isOffered(panel: Panel, facts: VehicleFacts | null): boolean {
   return panel.needs === undefined || facts === null || linkSupports(facts, panel.needs);
 }
 
+/** A page of the vehicle room; its code is loaded when it is first shown. */
+export interface VehiclePage {
+  id: string;
+  title: string;
+  order: number;
+  load: () => Promise<{ default: Component<VehicleProps> }>;
+}
+
 /**
  * The frame's slots: the top bar's `vehicles` (left), `status` (middle) and `indicators` (right); `notices` in the
  * upper left corner of the stage; the `stage` with map, 3D view and the parts over them; the stage's `bottom` edge,
@@ -156,6 +164,7 @@ function insertByOrder<T extends { order: number }>(entries: readonly T[], entry
 class Registry {
   rooms: readonly Room[] = [];
   panels: readonly Panel[] = [];
+  vehiclePages: readonly VehiclePage[] = [];
   /** Ids of the open panels. */
   private openPanels = $state.raw<readonly string[]>([]);
   keys: readonly KeyLine[] = [];
@@ -167,6 +176,10 @@ class Registry {
 
   addRoom(room: Room): void {
     this.rooms = insertByOrder(this.rooms, room);
+  }
+
+  addVehiclePage(page: VehiclePage): void {
+    this.vehiclePages = insertByOrder(this.vehiclePages, page);
   }
 
   addPanel(panel: Panel): void {

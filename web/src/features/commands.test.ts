@@ -34,7 +34,7 @@ const { DEFAULT_CONDITIONS } = await import('./plan/dry-run/conditions');
 const start = await import('./plan/flight/start-commands');
 const { planInFly } = await import('./plan/flight/plan-in-fly.svelte');
 const { DEFAULT_VALIDITY } = await import('../vehicle/setpoint');
-const { gimbalControl } = await import('./gimbal/controllers');
+const { gimbalControl, gimbalSetup } = await import('./gimbal/controllers');
 const { cameraControl } = await import('./camera/controllers');
 const { control } = await import('./control/controllers');
 const { paramPanel } = await import('./params/controllers');
@@ -153,6 +153,23 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'release the gimbal': { click: (facts) => gimbalControl.takeOrRelease(facts, false) },
   'lock yaw': { click: (facts) => gimbalControl.setYawLock(facts, true) },
   'point the gimbal': { click: (facts) => gimbalControl.point(facts, { pitch_deg: -20, yaw_deg: 0 }), series: true },
+  'mend the gimbal set-up': {
+    onGround: true,
+    click: (facts) => gimbalSetup.mend(facts, { code: 'input_none', text: '', changes: [{ name: 'MNT_MODE_IN', value: 4 }], restarts: true }),
+  },
+  'write reviewed parameters': {
+    onGround: true,
+    click: (facts) => {
+      const rows = [{ name: 'A', state: 'change', old: 1, new: 2 }];
+      const review = { vehicle: facts.id, name: facts.name, title: '', rows, undo: false, fixed: actions.gate.fix([facts.id]) };
+      Object.assign(gimbalSetup.changes, { openReview: review, chosen: new Set(['A']) });
+      return gimbalSetup.changes.write(facts.id, false);
+    },
+  },
+  'restart the vehicle': { onGround: true, click: (facts) => gimbalSetup.changes.restart(facts.id) },
+  'ask for the gimbal status': { onGround: true, click: (facts) => gimbalSetup.callModule(facts, 'status') },
+  'retract the gimbal': { click: (facts) => gimbalSetup.pose(facts, 'retract') },
+  'try an axis': { click: (facts) => gimbalSetup.tryAxis(facts, 'pitch', -10, true), series: true },
   'take a photo': { click: (facts) => cameraControl.takePhoto(facts, facts.components[0] as never) },
   'send a line to the console': { click: (facts) => shellPanel.send(page.api, facts.id, 'gimbal status', true) },
   'set a parameter': { click: (facts) => paramPanel.set(page.api, facts.id, 'MPC_XY_CRUISE', 3) },
@@ -353,6 +370,7 @@ const COMPUTING = new Set([
   '/plans/pattern',
   '/vehicles/{v}/mission/compare',
   '/vehicles/{v}/params/refresh',
+  '/vehicles/{v}/param_changes/review',
 ]);
 /** A command that the page gives itself, with its own tests (`dry-run.test.ts`, `vehicle-plan.test.ts`). */
 const seenPaths = new Set<string>();
@@ -372,6 +390,10 @@ function viewOfOther(): string {
     gimbalControl.targetAnglesOf(facts),
     gimbalControl.yawLock(facts),
     gimbalControl.limitNoticeOf(facts),
+    gimbalSetup.changes.problemOf('2'),
+    gimbalSetup.changes.resultOf('2'),
+    gimbalSetup.changes.progressOf('2'),
+    gimbalSetup.changes.reviewOf('2'),
     setpoints.offboardView,
     mapPointMenu.mapPoint,
   ]);
@@ -379,7 +401,7 @@ function viewOfOther(): string {
 
 /** All texts that tell a person why something was not sent. */
 function words(): string {
-  return JSON.stringify([actions.refusals, plans.notice, vehicleList.result]);
+  return JSON.stringify([actions.refusals, plans.notice, vehicleList.result, gimbalSetup.changes.problemOf('1')]);
 }
 
 function addVehicles(inAir: boolean): void {
@@ -420,8 +442,12 @@ function answer(request: SentRequest, refuse: boolean): void {
     id: 'p1',
     version: 2,
     vehicle,
-    state: 'running',
+    state: request.method === 'GET' && request.path.startsWith('/operations/') ? 'succeeded' : 'running',
     kind: 'mission/download',
+    text: '',
+    error: null,
+    operation: 'o1',
+    last: { rows: [], stopped: null, waiting: [], undo_count: 0 },
     members: GROUP.members,
     findings: [],
     name: 'r',

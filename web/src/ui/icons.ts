@@ -40,6 +40,7 @@ export const ICONS = {
   undo: 'M9 6L4 11l5 5M4 11h10a5 5 0 010 10h-3',
   redo: 'M15 6l5 5-5 5M20 11H10a5 5 0 000 10h3',
   trash: 'M5 7h14M10 7V4h4v3M7 7l1 13h8l1-13',
+  wrench: 'M14.5 6.5a4 4 0 015-1.5l-2.8 2.8 1.5 1.5L21 6.5a4 4 0 01-5.4 4.8L7.5 19.4a2 2 0 01-2.9-2.9l8.1-8.1a4 4 0 011.8-1.9z',
   sliders: 'M6 4v7M6 15v5M12 4v3M12 11v9M18 4v9M18 17v3M4 13h4M10 9h4M16 15h4',
 } as const;
 

@@ -68,6 +68,7 @@ def test_commands_that_change_a_flight_are_journaled():
         "maps",
         "mission/download",
         "params/refresh",
+        "param_changes/review",
         "plans",
         "readiness/check",
         "replays/change",

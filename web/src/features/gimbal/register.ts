@@ -4,4 +4,5 @@ import { gimbalControl } from './controllers';
 import GimbalCards from './GimbalCards.svelte';
 
 provide('gimbal', gimbalControl);
+registry.addVehiclePage({ id: 'gimbal', title: 'Gimbal', order: 10, load: () => import('./setup/GimbalSetupPage.svelte') });
 registry.addTo('cards', { order: 40, vehicleComponent: GimbalCards });
