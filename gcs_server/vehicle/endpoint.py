@@ -66,8 +66,8 @@ of all links [s]. Setpoints prefer ROS 2, whose topics arrive every few millisec
 gaps."""
 ESTIMATES_WITHIN_S = STAY_ON_LINK_S
 """The same for position and attitude over MAVLink: a setpoint needs an estimate of the last second, so that
-those of ROS 2 fill the gap. Modes and other states wait longer, because a delayed radio would report each change
-again."""
+those of ROS 2 fill the gap. Modes and other states wait longer, because a delayed radio would report each
+change again."""
 
 
 class SameVehicle(enum.Enum):

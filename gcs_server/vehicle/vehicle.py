@@ -360,7 +360,7 @@ class Vehicle:
         if endpoint.over_ros2 and msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK:
             within_s = ESTIMATES_WITHIN_S if msg_id in ESTIMATE_IDS else None
             if endpoint not in preferred_endpoints(self._endpoints, MAVLINK, within_s):
-                return  # MAVLink has the same data; because of different delays, each change would appear twice
+                return  # MAVLink has the same data; with different delays, each change would appear twice
         if msg_id in self._handled_ids:
             self._handle(frame, endpoint)
         else:

@@ -71,7 +71,9 @@ def test_with_both_links_the_stream_goes_on_while_the_agent_or_the_mavlink_link_
     run_streaming(run_simulated, px4, scenario, mavlink=True)
 
 
-def test_a_program_that_renews_its_setpoint_is_not_refused_when_one_of_two_links_fails(run_simulated: Any) -> None:
+def test_a_program_that_renews_its_setpoint_is_not_refused_when_one_of_two_links_fails(
+    run_simulated: Any,
+) -> None:
     async def scenario(testbed: Ros2Testbed, vehicle: Vehicle) -> None:
         offboard = testbed.streamer.offboard(vehicle.id)
         for mavlink_on, ros2_on in ((False, True), (True, True), (True, False)):
