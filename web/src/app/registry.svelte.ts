@@ -89,9 +89,9 @@ export interface VehiclePage {
 /**
  * The frame's slots: the top bar's `vehicles` (left), `status` (middle) and `indicators` (right); `notices` in the
  * upper left corner of the stage; the `stage` with map, 3D view and the parts over them; the stage's `bottom` edge,
- * which shows only the first part that applies; the column of `cards` on the right.
+ * which shows only the first part that applies; the column of `cards` on the right; beside the filter of the `messages`.
  */
-export type SlotName = 'vehicles' | 'status' | 'indicators' | 'notices' | 'stage' | 'bottom' | 'cards';
+export type SlotName = 'vehicles' | 'status' | 'indicators' | 'notices' | 'stage' | 'bottom' | 'cards' | 'messages';
 
 /** Set exactly one of `component` and `vehicleComponent`. */
 export interface Part {

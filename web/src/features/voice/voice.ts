@@ -1,0 +1,51 @@
+/** What the page says aloud of a vehicle: changes of mode, arming, connection, battery and distance. Pure. */
+
+import type { VehicleFacts } from '../../vehicle/facts';
+
+/** Charges that are said when the battery falls to them [%]. */
+const CHARGES_PERCENT = [50, 30, 20, 15, 10, 5];
+/** The distance from home is said at each multiple, on the way out [m]. */
+const DISTANCE_STEP_M = 100;
+/** Least severe MAV_SEVERITY of messages that are said: warnings of the selected vehicle, errors of any. */
+export const SAID_OF_SELECTED = 4;
+export const SAID_OF_ANY = 3;
+
+/** The part of a vehicle's state whose changes are said. */
+export interface Heard {
+  readonly id: string;
+  readonly lost: boolean;
+  readonly armed: boolean | null;
+  readonly mode: string | null;
+  /** How many of `CHARGES_PERCENT` the battery has reached. */
+  readonly charge: number;
+  /** Farthest step from home on this flight. */
+  readonly steps: number;
+}
+
+/** The state of a vehicle now; `before` keeps what only grows during a flight. */
+export function heardOf(facts: VehicleFacts, before: Heard | null): Heard {
+  const remaining = facts.battery?.value.remaining_percent ?? null;
+  const steps = Math.floor((facts.homeDistance_m ?? 0) / DISTANCE_STEP_M);
+  const flies = before?.id === facts.id && before.armed === true && facts.inAir;
+  return {
+    id: facts.id,
+    lost: facts.lost,
+    armed: facts.status?.value.armed ?? null,
+    mode: facts.status?.value.mode_label ?? null,
+    charge: remaining === null ? (before?.charge ?? 0) : CHARGES_PERCENT.filter((percent) => remaining <= percent).length,
+    steps: flies ? Math.max(steps, before.steps) : steps,
+  };
+}
+
+/** Sentences about the changes; none for another vehicle, whose state is only taken over. */
+export function sentences(before: Heard | null, now: Heard): string[] {
+  if (before?.id !== now.id) return [];
+  const said: string[] = [];
+  if (now.lost !== before.lost) said.push(now.lost ? 'Connection lost' : 'Connected');
+  if (now.armed !== before.armed && now.armed !== null && before.armed !== null) said.push(now.armed ? 'Armed' : 'Disarmed');
+  if (now.mode !== before.mode && now.mode !== null) said.push(now.mode);
+  const charge = CHARGES_PERCENT[now.charge - 1];
+  if (now.charge > before.charge && charge !== undefined) said.push(`Battery ${charge} percent`);
+  if (now.steps > before.steps) said.push(`${now.steps * DISTANCE_STEP_M} metres from home`);
+  return said;
+}
