@@ -5,11 +5,12 @@ The documents are defined in `missions`, which checks their JSON; its errors nam
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from gcs_server.api.documents import DocumentBody, PlanBody
+from gcs_server.api.group_models import VehicleId, require_unique
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.plans.files import PlanVersion
@@ -19,10 +20,11 @@ from missions.estimates import Estimate
 from missions.formats.any_format import FormatName
 from missions.formats.results import AreaUseName
 from missions.geodesy import LocalOrigin
-from missions.offboard.document import OffboardMission
+from missions.offboard.document import MAX_ROLES, MINIMUM_SEPARATION_M, OffboardMission
+from missions.offboard.roles import PlannedDistance
 from missions.offboard.samples import Leg, StepTime
 from missions.offboard.tables import ImportedTable
-from missions.plan import Plan
+from missions.plan import MAX_ITEMS, Plan
 from missions.values import Altitude, DisplayText, FenceZone, Point
 
 MAX_NAME_LENGTH = 100
@@ -104,6 +106,54 @@ class PlanToConvert(StrictBody):
     """Use this vehicle's parameters and home if they are known."""
 
 
+class SurveyToDivide(StrictBody):
+    """A survey of a plan, and the vehicles over which it is divided."""
+
+    plan: PlanBody
+    item: int | None = Field(default=None, ge=0, lt=MAX_ITEMS)
+    """Index of the survey in `items` of the plan; default: its only survey."""
+    vehicles: list[VehicleId] | None = Field(default=None, min_length=2, max_length=MAX_ROLES)
+    """The vehicles, at their present places; not with `count`."""
+    count: int | None = Field(default=None, ge=2, le=MAX_ROLES)
+    """Number of vehicles, if they are not chosen yet: their take-off positions are planned in a row to the
+    east of the plan's home."""
+    minimum_separation_m: float = Field(default=MINIMUM_SEPARATION_M, ge=1.0, le=100.0, allow_inf_nan=False)
+    """Minimum distance of any two vehicles, also if both brake [m]."""
+    name: Name
+    """Name of the mission."""
+
+    @model_validator(mode="after")
+    def _check_vehicles(self) -> Self:
+        if (self.vehicles is None) == (self.count is None):
+            raise ValueError("give vehicles or count")
+        require_unique(self.vehicles or [], "vehicles")
+        return self
+
+
+class DividedPart(ResponseBody):
+    """The part of one vehicle."""
+
+    role: str
+    """Role of the mission."""
+    vehicle: str | None
+    """The vehicle whose place the part was made for; null: only a number was given."""
+    lines: list[tuple[Point, Point]]
+    """Its lines in flight order and direction; a line of the survey may be cut in two."""
+    layer_m: float
+    """Height of its way out and back above the lines [m]."""
+
+
+class DividedSurvey(ResponseBody):
+    """A survey divided over several vehicles; nothing is saved."""
+
+    plan: OffboardMission
+    """The mission, with a role for each part. `POST /plans/check` gives times and distances."""
+    parts: list[DividedPart]
+    """The parts, from one side of the area to the other."""
+    notes: list[str]
+    """What the mission does not contain, as sentences."""
+
+
 PlanVersionModel = model_of(PlanVersion, "PlanVersion")
 EstimateModel = model_of(Estimate, "PlanEstimates")
 
@@ -163,7 +213,21 @@ class FindingModel(ResponseBody):
 
 LegModel = model_of(Leg, "PlanLeg")
 StepTimeModel = model_of(StepTime, "PlanStepTime")
+PlannedDistanceModel = model_of(PlannedDistance, "PlannedDistance")
 OriginModel = model_of(LocalOrigin, "PlanOrigin")
+
+
+class RoleFlight(ResponseBody):
+    """The planned flight of one role."""
+
+    role: str
+    """Name of the role."""
+    time_s: float
+    """Time from arming to disarming, without waiting for other roles."""
+    length_m: float
+    """Length of the path."""
+    photos: int
+    """Number of photos."""
 
 
 class OffboardFlight(ResponseBody):
@@ -173,6 +237,11 @@ class OffboardFlight(ResponseBody):
     """Steps in flight order; at a branch, those of the longest path."""
     legs: list[LegModel]  # type: ignore[valid-type]
     """The segments of the path, on all branches."""
+    roles: list[RoleFlight]
+    """The flight of each role; empty for one vehicle."""
+    closest: list[PlannedDistanceModel]  # type: ignore[valid-type]
+    """The smallest planned distance of each pair of roles; empty for one vehicle, and if the places are not
+    known."""
     needs: list[str]
     """The estimates that the vehicle must have."""
     start_ned_m: tuple[float, float, float]

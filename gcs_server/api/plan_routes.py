@@ -20,7 +20,12 @@ from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.errors import InvalidRequest
 from gcs_server.flights.chosen import choose
-from gcs_server.flights.plan_checks import check_document, is_small_pattern, plan_context_of
+from gcs_server.flights.plan_checks import (
+    check_document,
+    is_small_pattern,
+    plan_context_of,
+    take_off_position_of,
+)
 from gcs_server.plans.files import PlanVersion
 from gcs_server.plans.work import SMALL_BYTES
 from missions import documents
@@ -102,6 +107,28 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
         "home": context.home,
     }
     answer = await station.flights.plan_work.run("convert", arguments, small=body.plan.small)
+    return json_bytes(answer.body)
+
+
+@router.post("/divide", response_model=m.DividedSurvey)
+async def divide_survey(body: m.SurveyToDivide, station: StationDep) -> Response:
+    """Divides a survey over several vehicles: a mission with a role for each of them. Saves nothing.
+
+    The lines are flown once, in neighbouring parts that take equally long, the ways from and to the take-off
+    positions included. The ways have layers of altitude where they come near to each other, and the vehicles
+    wait for each other between take-off, ways, lines and landing.
+    """
+    vehicles = [station.fleet.get(each) for each in body.vehicles or []]
+    context = plan_context_of(station.flights, vehicles[0] if vehicles else None)
+    arguments = {
+        **body.model_dump(include={"item", "count", "minimum_separation_m", "name"}),
+        "plan": body.plan.text,
+        "parameters": context.parameters,
+        "starts": [take_off_position_of(each) for each in vehicles] if vehicles else None,
+        "home": context.home,
+        "vehicles": body.vehicles or [],
+    }
+    answer = await station.flights.plan_work.run("divide", arguments, small=False)
     return json_bytes(answer.body)
 
 

@@ -150,6 +150,28 @@ class Plans:
         body |= {name: value for name, value in options.items() if value is not None}
         return await self._gcs.request("POST", "/plans/insert", body)
 
+    async def divide(
+        self,
+        plan: Plan,
+        name: str,
+        *,
+        item: int | None = None,
+        vehicle_ids: Sequence[str] | None = None,
+        count: int | None = None,
+        minimum_separation_m: float = 5.0,
+    ) -> dict[str, Any]:
+        """Divides a survey of a waypoint plan over several vehicles: `plan` (a mission with a role for each),
+        `parts` (`role`, `vehicle`, `lines`, `layer_m`) and `notes`. Saves nothing.
+
+        Give the `vehicle_ids`, at their present places, or only their number (`count`). `check` of the
+        mission gives the time of each role and the smallest distances; `start_together` flies it.
+        """
+        body: Body = {"plan": dict(plan), "name": name, "minimum_separation_m": minimum_separation_m}
+        vehicles = None if vehicle_ids is None else list(vehicle_ids)
+        options: Body = {"item": item, "vehicles": vehicles, "count": count}
+        body |= {key: value for key, value in options.items() if value is not None}
+        return await self._gcs.request("POST", "/plans/divide", body)
+
     async def follow_ground(self, plan: Plan, *, tolerance_m: float | None = None) -> dict[str, Any]:
         """Converts a waypoint plan's altitudes above the ground to AMSL with the elevation files. Returns
         `plan`; saves nothing.

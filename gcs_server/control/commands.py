@@ -348,6 +348,7 @@ ALL: tuple[Command, ...] = (
         "GET /plans/schema/{kind}",
         "POST /plans/check",
         "POST /plans/convert",
+        "POST /plans/divide",
         "POST /plans/import",
         "POST /plans/insert",
         "POST /plans/export",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from gcs_server.errors import PlanFindings
+from gcs_server.errors import NotYet, PlanFindings
 from gcs_server.flights.readings import reported_values
 from gcs_server.flights.traffic import traffic_of
 from gcs_server.plans.tasks import Answer
@@ -161,6 +161,23 @@ def is_small_pattern(text: bytes) -> bool:
     if not 0 < len(corners) <= SMALL_CORNERS:
         return False
     return distance_m(min(lats), min(lons), max(lats), max(lons)) <= SMALL_LINES * spacing_m
+
+
+def take_off_position_of(vehicle: Vehicle) -> dict[str, float]:
+    """The present place of a vehicle, from which it will take off: `lat_deg`, `lon_deg`, `alt_amsl_m`.
+
+    Raises:
+        NotYet: the position is unknown.
+    """
+    estimates = VehicleEstimates(vehicle)
+    local, origin = estimates.local(), estimates.origin()
+    if local is None or origin is None or not estimates.has_position():
+        raise NotYet(
+            f"Vehicle {vehicle.id} has no valid global position.",
+            remedy="Wait for GPS and the estimator (see the vehicle's messages), or leave it out.",
+        )
+    lat_deg, lon_deg, alt_amsl_m = origin.to_geodetic(local.position_ned_m)
+    return {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": alt_amsl_m}
 
 
 def plan_context_of(flights: Flights, vehicle: Vehicle | None) -> PlanContext:

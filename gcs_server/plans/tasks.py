@@ -262,12 +262,17 @@ def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limit
         compiled = roles.compile_roles(mission, dict.fromkeys(mission.roles, vehicle), by_role)
         timelines, starts = list(compiled.timelines.values()), [by_role[role] for role in compiled.timelines]
         start = dataclasses.replace(start, position_ned_m=(0.0, 0.0, 0.0), origin=starts[0].origin)
-        findings, duration_s = compiled.findings, compiled.duration_s
+        findings, duration_s, closest = compiled.findings, compiled.duration_s, compiled.closest
     else:
         timelines, starts = [compiler.compile_mission(mission, vehicle, start)], [start]
-        findings, duration_s = timelines[0].findings, timelines[0].duration_s
+        findings, duration_s, closest = timelines[0].findings, timelines[0].duration_s, ()
     flown = [(each, begin.position_ned_m) for each, begin in zip(timelines, starts, strict=True)]
-    legs = [leg for each, position_ned_m in flown for leg in samples.legs(each, position_ned_m)]
+    names = list(mission.roles) or [None]
+    legs = [
+        leg
+        for (each, position_ned_m), role in zip(flown, names, strict=True)
+        for leg in samples.legs(each, position_ned_m, role)
+    ]
     ground_findings, ground = _mission_ground(
         legs, start.origin, start.position_ned_m[2], arguments["elevation"]
     )
@@ -290,6 +295,12 @@ def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limit
         "flight": {
             "steps": [dataclasses.asdict(step) for each in timelines for step in samples.step_times(each)],
             "legs": [dataclasses.asdict(each) for each in legs],
+            "roles": [
+                {"role": role, "time_s": each.duration_s, "length_m": each.length_m, "photos": each.photos}
+                for role, each in zip(names, timelines, strict=True)
+                if role is not None
+            ],
+            "closest": [dataclasses.asdict(each) for each in closest],
             "needs": list(dict.fromkeys(need for each in timelines for need in each.needs)),
             "start_ned_m": start.position_ned_m,
             "origin": None if start.origin is None else dataclasses.asdict(start.origin),
@@ -387,6 +398,42 @@ def _convert(arguments: Mapping[str, Any]) -> Answer:
         plan = plan.model_copy(update={"planned_home": HomePosition.model_validate(arguments["home"])})
     converted = from_plan(plan, arguments["name"], vehicle)
     return _response({"notes": converted.notes}, plan=documents.write(converted.mission))
+
+
+def _divide(arguments: Mapping[str, Any]) -> Answer:
+    """Divides a survey over vehicles. Arguments: `plan` (JSON text), `item`, `name`, `minimum_separation_m`;
+    `parameters` of the first vehicle; `starts`: place of each vehicle as a home, or null with `count` and
+    `home` (used if the plan has none; may be null); `vehicles`: their ids, may be empty."""
+    from missions.offboard import division
+
+    plan = plan_document.read(arguments["plan"])
+    minimum_m = arguments["minimum_separation_m"]
+    if arguments["starts"] is not None:
+        starts = [HomePosition.model_validate(each) for each in arguments["starts"]]
+    else:
+        home = plan.planned_home
+        if home is None and arguments["home"] is not None:
+            home = HomePosition.model_validate(arguments["home"])
+        if home is None:
+            fix = "Set the planned home of the plan, or choose vehicles."
+            raise PlanError("the plan", "it has no home, so the take-off positions are unknown", fix)
+        starts = division.planned_starts(home, arguments["count"], minimum_m)
+    divided = division.divide(
+        plan, arguments["item"], starts, arguments["name"], minimum_m=minimum_m,
+        vehicle=VehicleModel.from_parameters(arguments["parameters"]),
+    )  # fmt: skip
+    vehicles = arguments["vehicles"]
+    parts = [
+        {
+            "role": each.role,
+            "vehicle": vehicles[each.vehicle] if vehicles else None,
+            "lines": [[start.model_dump(), end.model_dump()] for start, end in each.lines],
+            "layer_m": each.layer_m,
+        }
+        for each in divided.parts
+    ]
+    values = {"parts": parts, "notes": list(divided.notes)}
+    return _response(values, plan=documents.write(divided.mission))
 
 
 def _insert(arguments: Mapping[str, Any]) -> Answer:
@@ -542,6 +589,7 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
     "check": _check,
     "compile": _compile,
     "convert": _convert,
+    "divide": _divide,
     "elevation_files": _elevation_files,
     "follow_ground": _follow_ground,
     "import": _import,

@@ -14,6 +14,7 @@ from gcs_server.operations.fork_server import TaskLimits, serve_tasks
 LIMITS = TaskLimits(memory_bytes=1_500_000_000, cpu_time_s=20, timeout_s=60)
 """Limits of one task; NumPy and shapely alone reserve a third of the memory."""
 IMPORTED = (
+    "missions.offboard.division",
     "missions.offboard.insertion",
     "missions.offboard.tables",
     "gcs_server.plans.pattern_task",

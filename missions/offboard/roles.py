@@ -33,6 +33,17 @@ MAX_SAMPLES = 20_000
 
 
 @dataclass(frozen=True, slots=True)
+class PlannedDistance:
+    """The smallest planned distance of two vehicles."""
+
+    roles: tuple[str, str]
+    distance_m: float
+    """Distance of the vehicles, without the braking distance of the finding `separation` [m]."""
+    t_s: float
+    """Planned time since the start."""
+
+
+@dataclass(frozen=True, slots=True)
 class CompiledRoles:
     """The compiled timelines of all roles."""
 
@@ -41,6 +52,8 @@ class CompiledRoles:
     """Findings about all roles, and about their separation."""
     duration_s: float
     """Planned duration of the whole mission, including waiting for other roles."""
+    closest: tuple[PlannedDistance, ...] = ()
+    """The smallest planned distance of each pair of roles; empty if the positions are not known."""
 
 
 def planned_starts(mission: OffboardMission) -> dict[str, Start]:
@@ -79,14 +92,17 @@ def compile_roles(
     all_findings = (finding for timeline in timelines.values() for finding in timeline.findings)
     # The timeline of each role also has the findings about the whole mission.
     findings = list(dict.fromkeys(all_findings))
+    closest: list[PlannedDistance] = []
     offsets = _common_frame_offsets(mission, starts)
     if offsets is None:
         message = "The positions of the vehicles are unknown, so their separation is not checked."
         fix = "Choose a vehicle for each role, or give each role `start_ned_m` and the mission a home."
         findings.append(MissionFinding("separation_unknown", message, None, fix))
     else:
-        findings += _separation_findings(mission, blocks, block_starts_s, duration_s, starts, offsets)
-    return CompiledRoles(timelines, tuple(findings), duration_s)
+        for distance, finding in _separations(mission, blocks, block_starts_s, duration_s, starts, offsets):
+            closest.append(distance)
+            findings += [finding] if finding is not None else []
+    return CompiledRoles(timelines, tuple(findings), duration_s, tuple(closest))
 
 
 def _common_frame_offsets(mission: OffboardMission, starts: Mapping[str, Start]) -> dict[str, Vector3] | None:
@@ -163,15 +179,16 @@ def _sample_positions(
     return positions, steps
 
 
-def _separation_findings(
+def _separations(
     mission: OffboardMission,
     blocks: Mapping[str, list[list[_PlacedSegment]]],
     block_starts_s: list[float],
     duration_s: float,
     starts: Mapping[str, Start],
     offsets: Mapping[str, Vector3],
-) -> Iterator[MissionFinding]:
-    """For each pair of roles, a finding about the first time at which their vehicles are too close."""
+) -> Iterator[tuple[PlannedDistance, MissionFinding | None]]:
+    """The smallest distance of each pair of roles, and a finding about the first time at which their vehicles
+    are too close."""
     count = int(min(MAX_SAMPLES, 2 + duration_s / SPACING_S))
     times_s = np.linspace(0.0, max(duration_s, SPACING_S), count)
     tracks: dict[str, tuple[Array, Array]] = {}
@@ -185,8 +202,14 @@ def _separation_findings(
     required_m = mission.separation_m + margin_m
     for first_role, second_role in itertools.combinations(tracks, 2):
         separation_m = braking_separation_m(*tracks[first_role], *tracks[second_role], required_m)
+        distance_m = np.linalg.norm(tracks[first_role][0] - tracks[second_role][0], axis=1)
+        nearest = int(distance_m.argmin())
+        distance = PlannedDistance(
+            (first_role, second_role), round(float(distance_m[nearest]), 2), round(float(times_s[nearest]), 1)
+        )
         too_close = np.flatnonzero(separation_m < required_m)
         if not len(too_close):
+            yield distance, None
             continue
         begin = int(too_close[0])
         after = np.flatnonzero(separation_m[begin:] >= required_m)
@@ -203,7 +226,7 @@ def _separation_findings(
             f"The minimum is {mission.separation_m:g} m plus {margin_m:.1f} m of margin."
         )
         fix = "Move their paths apart, add a meeting before this step, or lower minimum_separation_m."
-        yield MissionFinding("separation", message, step, fix)
+        yield distance, MissionFinding("separation", message, step, fix)
 
 
 def _step_at(steps: list[tuple[float, str]], t_s: float) -> str:

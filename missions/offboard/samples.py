@@ -34,6 +34,8 @@ class Leg:
     """Whether the leg is on the longest path through the branches."""
     points: tuple[tuple[float, float, float, float], ...]
     """Time since the start of the leg [s], and north, east, down [m]."""
+    role: str | None = None
+    """The role that flies the leg; null: the mission has one vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,7 @@ def _parts(part: Part) -> Iterator[Part]:
     yield from _parts(Part(timeline.otherwise, end_s, end_ned_m, main=part.main and not then_is_longer))
 
 
-def legs(timeline: Timeline, start_ned_m: Vector3) -> tuple[Leg, ...]:
+def legs(timeline: Timeline, start_ned_m: Vector3, role: str | None = None) -> tuple[Leg, ...]:
     """The legs of all segments, in order; for a branch, the legs of `then` and of `otherwise`."""
     all_parts = list(parts(timeline, start_ned_m))
     point_count = sum(
@@ -110,7 +112,7 @@ def legs(timeline: Timeline, start_ned_m: Vector3) -> tuple[Leg, ...]:
             result.append(
                 Leg(
                     segment.place, segment.title, planned_s, segment.duration_s, part.main,
-                    tuple((t, n, e, d) for t, n, e, d in rows),
+                    tuple((t, n, e, d) for t, n, e, d in rows), role,
                 )
             )  # fmt: skip
             position_ned_m = segment.end_ned_m

@@ -53,18 +53,7 @@ def make(pattern: PatternDocument) -> Pattern:
     """
     match pattern:
         case SurveyPattern():
-            return survey.make(
-                survey.Survey(
-                    outer=pattern.outer,
-                    holes=pattern.holes,
-                    coverage=coverage_of(pattern.coverage),
-                    altitude=pattern.altitude,
-                    heading_deg=pattern.heading_deg,
-                    turnaround_m=pattern.turnaround_m,
-                    crosshatch=pattern.crosshatch,
-                    speed_m_s=pattern.speed_m_s,
-                )
-            )
+            return survey.make(survey_of(pattern))
         case CorridorPattern():
             return corridor.corridor(
                 pattern.points,
@@ -87,6 +76,20 @@ def make(pattern: PatternDocument) -> Pattern:
             )
         case StructurePattern():
             return rounds.structure(_structure_scan(pattern))
+
+
+def survey_of(pattern: SurveyPattern) -> survey.Survey:
+    """The settings that the survey's generator uses."""
+    return survey.Survey(
+        outer=pattern.outer,
+        holes=pattern.holes,
+        coverage=coverage_of(pattern.coverage),
+        altitude=pattern.altitude,
+        heading_deg=pattern.heading_deg,
+        turnaround_m=pattern.turnaround_m,
+        crosshatch=pattern.crosshatch,
+        speed_m_s=pattern.speed_m_s,
+    )
 
 
 def _structure_scan(pattern: StructurePattern) -> rounds.StructureScan:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+from shapely.geometry import Polygon
 
 from missions.items import ChangeSpeed
 from missions.patterns.camera import AnyCoverage
 from missions.patterns.ground import Map
 from missions.patterns.result import Pattern, photo_count, photo_path_items, within_item_limit
-from missions.patterns.sweep import Sweep, sweep
+from missions.patterns.sweep import Line, Sweep, sweep
 from missions.plan import SimpleItem
 from missions.values import Altitude, Point
 
@@ -33,8 +35,8 @@ class Survey:
     speed_m_s: float | None = None
 
 
-def make(survey: Survey) -> Pattern:
-    """The items of a survey.
+def lines_of(survey: Survey) -> tuple[Map, Polygon, list[Sweep]]:
+    """The flat map and the area of a survey, and its lines: one sweep, or two of a crosshatch.
 
     Raises:
         PlanError: The area is invalid, or there would be too many lines.
@@ -42,19 +44,34 @@ def make(survey: Survey) -> Pattern:
     corners = [*survey.outer, *(point for hole in survey.holes for point in hole)]
     flat_map = Map.centred_on(corners, "the area", "outer")
     area = flat_map.polygon_with_holes(survey.outer, survey.holes)
-    coverage = survey.coverage
-    sweeps: list[Sweep] = [sweep(area, coverage.spacing_m, survey.heading_deg)]
+    sweeps: list[Sweep] = [sweep(area, survey.coverage.spacing_m, survey.heading_deg)]
     if survey.crosshatch:
         first_sweep_end = sweeps[0].lines[-1][1]
-        sweeps.append(sweep(area, coverage.spacing_m, sweeps[0].heading_deg + 90.0, first_sweep_end))
+        sweeps.append(sweep(area, survey.coverage.spacing_m, sweeps[0].heading_deg + 90.0, first_sweep_end))
+    return flat_map, area, sweeps
+
+
+def items_of(survey: Survey, flat_map: Map, lines: Iterable[Line]) -> list[SimpleItem]:
+    """The items that fly these lines, in this order and direction."""
     items: list[SimpleItem] = []
     if survey.speed_m_s is not None:
         items.append(ChangeSpeed(speed_m_s=survey.speed_m_s))
-    lines = [line for each in sweeps for line in each.lines]
     for line in lines:
-        items += photo_path_items(line, flat_map, survey.altitude, coverage, survey.turnaround_m)
+        items += photo_path_items(line, flat_map, survey.altitude, survey.coverage, survey.turnaround_m)
+    return items
+
+
+def make(survey: Survey) -> Pattern:
+    """The items of a survey.
+
+    Raises:
+        PlanError: The area is invalid, or there would be too many lines.
+    """
+    flat_map, area, sweeps = lines_of(survey)
+    coverage = survey.coverage
+    lines = [line for each in sweeps for line in each.lines]
     return Pattern(
-        items=within_item_limit(items),
+        items=within_item_limit(items_of(survey, flat_map, lines)),
         lines=tuple((flat_map.point(start), flat_map.point(end)) for start, end in lines),
         lines_length_m=sum(each.length_m for each in sweeps),
         lower_bound_m=len(sweeps) * area.area / coverage.spacing_m,

@@ -264,6 +264,43 @@ def test_patterns_become_a_path_or_mission_steps(client):
     assert (refused.status_code, refused.json()["field"]) == (422, "altitude")
 
 
+def test_a_survey_is_divided_over_vehicles_and_its_check_has_times_and_distances(client):
+    fields = {"kind": "survey", "outer": SQUARE, "coverage": {"camera": CAMERA, "distance_m": 40}}
+    plan = client.post(
+        "plans/pattern", json={**fields, "altitude": {"value_m": 40, "reference": "home"}}
+    ).json()
+    plan = {**plan["plan"], "planned_home": {"lat_deg": 47.39, "lon_deg": 8.54, "alt_amsl_m": 480}}
+    divided = client.post("plans/divide", json={"plan": plan, "name": "Two parts", "count": 2})
+    assert divided.status_code == 200, divided.text
+    mission, parts = divided.json()["plan"], divided.json()["parts"]
+    assert (mission["name"], mission["minimum_separation_m"]) == ("Two parts", 5)
+    assert list(mission["roles"]) == [each["role"] for each in parts] == ["part 1", "part 2"]
+    assert [each["vehicle"] for each in parts] == [None, None]
+    flight = client.post("plans/check", json={"plan": mission}).json()["flight"]
+    assert [each["role"] for each in flight["roles"]] == ["part 1", "part 2"]
+    assert {each["role"] for each in flight["legs"]} == {"part 1", "part 2"}
+    (closest,) = flight["closest"]
+    assert closest["roles"] == ["part 1", "part 2"]
+    assert closest["distance_m"] > 5
+    for wrong, field in (
+        ({"count": 11}, "count"),
+        ({"count": 2, "vehicles": ["1", "2"]}, None),
+        ({"vehicles": ["1", "1"]}, None),
+        ({"count": 2, "item": 1}, "item"),
+        ({"count": 2, "minimum_separation_m": 0.5}, "minimum_separation_m"),
+        ({}, None),
+    ):
+        refused = client.post("plans/divide", json={"plan": plan, "name": "Parts", **wrong})
+        assert refused.status_code == 422, wrong
+        assert field in (None, refused.json()["field"])
+    unknown = client.post("plans/divide", json={"plan": plan, "name": "Parts", "vehicles": ["1", "2"]})
+    assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_vehicle")
+    without_home = client.post(
+        "plans/divide", json={"plan": {**plan, "planned_home": None}, "name": "P", "count": 2}
+    )
+    assert (without_home.status_code, "home" in without_home.json()["detail"]) == (422, True)
+
+
 def test_an_offboard_mission_is_stored_in_the_same_list_as_plans(client):
     store(client)
     stored = store(client, "Mast", MISSION)

@@ -12,9 +12,13 @@ from missions.dry_run.setup import Aircraft, Conditions
 from missions.dry_run.spread import Spread
 from missions.dry_run.task import findings_of, run
 from missions.errors import PlanError
+from missions.offboard.division import divide, planned_starts
 from missions.offboard.reader import read
-from missions.values import HomePosition
-from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN
+from missions.values import Altitude, HomePosition
+from missions.vehicle import VehicleModel
+from tests.support.dry_runs import AIRCRAFT, FAST_PARAMETERS, HOME, ORIGIN
+from tests.support.surveys import HOME as SURVEY_HOME
+from tests.support.surveys import survey, survey_plan
 
 pytestmark = pytest.mark.flight
 
@@ -174,3 +178,21 @@ def test_too_many_flights_of_all_vehicles_are_refused():
 def test_each_role_needs_a_vehicle():
     with pytest.raises(PlanError, match="role 'left' has no vehicle"):
         dry_run_group(read(CROSSING.format(height_m=4, minimum_m=3)), {"lead": AIRCRAFT})
+
+
+def test_three_vehicles_share_a_survey_in_a_dry_run_and_stay_apart():
+    pattern = survey(
+        [(15, -25), (15, 25), (51, 25), (51, -25)], altitude=Altitude(value_m=8.0, reference="home")
+    )
+    starts = planned_starts(SURVEY_HOME, 3, 5.0)
+    vehicle = VehicleModel.from_parameters(FAST_PARAMETERS)
+    division = divide(survey_plan(pattern), None, starts, "Field", minimum_m=5.0, vehicle=vehicle)
+    aircraft = {each.role: replace(AIRCRAFT, home=starts[each.vehicle]) for each in division.parts}
+    flown = dry_run_group(division.mission, aircraft)
+    assert all(each.finished and each.landed for each in flown.roles.values())
+    assert flown.findings == ()
+    assert min(each.distance_m for each in flown.closest) >= 5.0
+    for part in division.parts:
+        track = flown.roles[part.role].track
+        assert track is not None
+        assert track.position_ned_m[-1, :2] == pytest.approx(track.position_ned_m[0, :2], abs=1.0)

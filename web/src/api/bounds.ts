@@ -367,6 +367,11 @@ export const BOUNDS = {
     turnaround_m: {"min":0,"max":10000000},
     speed_m_s: {"above":0},
   },
+  SurveyToDivide: {
+    item: {"min":0},
+    count: {"min":2,"max":10},
+    minimum_separation_m: {"min":1,"max":100},
+  },
   step_take_off: {
     height_m: {"min":0.5,"max":500},
     timeout_s: {"above":0,"max":86400},

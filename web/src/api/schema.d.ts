@@ -2077,6 +2077,30 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/plans/divide": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Divide Survey
+         * @description Divides a survey over several vehicles: a mission with a role for each of them. Saves nothing.
+         *
+         *     The lines are flown once, in neighbouring parts that take equally long, the ways from and to the take-off
+         *     positions included. The ways have layers of altitude where they come near to each other, and the vehicles
+         *     wait for each other between take-off, ways, lines and landing.
+         */
+        readonly post: operations["divide_survey_api_v1_plans_divide_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/plans/insert": {
         readonly parameters: {
             readonly query?: never;
@@ -4384,6 +4408,53 @@ export interface components {
             readonly received_unix_s: number;
             /** @description The sample itself. */
             readonly value: components["schemas"]["DistanceSensors"];
+        };
+        /**
+         * DividedPart
+         * @description The part of one vehicle.
+         */
+        readonly DividedPart: {
+            /**
+             * Role
+             * @description Role of the mission.
+             */
+            readonly role: string;
+            /**
+             * Vehicle
+             * @description The vehicle whose place the part was made for; null: only a number was given.
+             */
+            readonly vehicle: string | null;
+            /**
+             * Lines
+             * @description Its lines in flight order and direction; a line of the survey may be cut in two.
+             */
+            readonly lines: readonly (readonly [
+                components["schemas"]["Point"],
+                components["schemas"]["Point"]
+            ])[];
+            /**
+             * Layer M
+             * @description Height of its way out and back above the lines [m].
+             */
+            readonly layer_m: number;
+        };
+        /**
+         * DividedSurvey
+         * @description A survey divided over several vehicles; nothing is saved.
+         */
+        readonly DividedSurvey: {
+            /** @description The mission, with a role for each part. `POST /plans/check` gives times and distances. */
+            readonly plan: components["schemas"]["OffboardMission"];
+            /**
+             * Parts
+             * @description The parts, from one side of the area to the other.
+             */
+            readonly parts: readonly components["schemas"]["DividedPart"][];
+            /**
+             * Notes
+             * @description What the mission does not contain, as sentences.
+             */
+            readonly notes: readonly string[];
         };
         /**
          * DownloadRequest
@@ -9751,6 +9822,17 @@ export interface components {
              */
             readonly legs: readonly components["schemas"]["PlanLeg"][];
             /**
+             * Roles
+             * @description The flight of each role; empty for one vehicle.
+             */
+            readonly roles: readonly components["schemas"]["RoleFlight"][];
+            /**
+             * Closest
+             * @description The smallest planned distance of each pair of roles; empty for one vehicle, and if the places are not
+             *     known.
+             */
+            readonly closest: readonly components["schemas"]["PlannedDistance"][];
+            /**
              * Needs
              * @description The estimates that the vehicle must have.
              */
@@ -11461,6 +11543,11 @@ export interface components {
                 number,
                 number
             ])[];
+            /**
+             * Role
+             * @description The role that flies the leg; null: the mission has one vehicle.
+             */
+            readonly role: string | null;
         };
         /**
          * PlanList
@@ -11639,6 +11726,30 @@ export interface components {
              * @description Newest first.
              */
             readonly versions: readonly components["schemas"]["PlanVersion"][];
+        };
+        /**
+         * PlannedDistance
+         * @description The smallest planned distance of two vehicles.
+         */
+        readonly PlannedDistance: {
+            /**
+             * Roles
+             * @description Roles.
+             */
+            readonly roles: readonly [
+                string,
+                string
+            ];
+            /**
+             * Distance M
+             * @description Distance of the vehicles, without the braking distance of the finding `separation` [m].
+             */
+            readonly distance_m: number;
+            /**
+             * T S
+             * @description Planned time since the start.
+             */
+            readonly t_s: number;
         };
         /**
          * Point
@@ -12960,6 +13071,32 @@ export interface components {
             readonly steps: readonly (components["schemas"]["TakeOff"] | components["schemas"]["missions__offboard__steps__Land"] | components["schemas"]["Hold"] | components["schemas"]["Fly"] | components["schemas"]["missions__offboard__steps__Orbit"] | components["schemas"]["Helix"] | components["schemas"]["Spiral"] | components["schemas"]["FigureEight"] | components["schemas"]["Table"] | components["schemas"]["VelocityStep"] | components["schemas"]["AttitudeStep"] | components["schemas"]["missions__offboard__steps__Gimbal"] | components["schemas"]["Photo"] | components["schemas"]["Wait"] | components["schemas"]["Repeat"] | components["schemas"]["Branch"] | components["schemas"]["Call"] | components["schemas"]["Meet"])[];
         };
         /**
+         * RoleFlight
+         * @description The planned flight of one role.
+         */
+        readonly RoleFlight: {
+            /**
+             * Role
+             * @description Name of the role.
+             */
+            readonly role: string;
+            /**
+             * Time S
+             * @description Time from arming to disarming, without waiting for other roles.
+             */
+            readonly time_s: number;
+            /**
+             * Length M
+             * @description Length of the path.
+             */
+            readonly length_m: number;
+            /**
+             * Photos
+             * @description Number of photos.
+             */
+            readonly photos: number;
+        };
+        /**
          * Ros2Topic
          * @description One ROS 2 topic of a vehicle's domain.
          */
@@ -14065,6 +14202,40 @@ export interface components {
              * @description Speed [m/s].
              */
             readonly speed_m_s?: number | null;
+        };
+        /**
+         * SurveyToDivide
+         * @description A survey of a plan, and the vehicles over which it is divided.
+         */
+        readonly SurveyToDivide: {
+            /** @description The plan's document (docs/missions.md). */
+            readonly plan: components["schemas"]["Plan"];
+            /**
+             * Item
+             * @description Index of the survey in `items` of the plan; default: its only survey.
+             */
+            readonly item?: number | null;
+            /**
+             * Vehicles
+             * @description The vehicles, at their present places; not with `count`.
+             */
+            readonly vehicles?: readonly string[] | null;
+            /**
+             * Count
+             * @description Number of vehicles, if they are not chosen yet: their take-off positions are planned in a row to the
+             *     east of the plan's home.
+             */
+            readonly count?: number | null;
+            /**
+             * Minimum Separation M
+             * @description Minimum distance of any two vehicles, also if both brake [m].
+             */
+            readonly minimum_separation_m?: number;
+            /**
+             * Name
+             * @description Name of the plan.
+             */
+            readonly name: string;
         };
         /**
          * Table
@@ -22324,6 +22495,67 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["ConvertedPlan"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly divide_survey_api_v1_plans_divide_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["SurveyToDivide"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["DividedSurvey"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

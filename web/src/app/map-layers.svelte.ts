@@ -5,8 +5,11 @@
 
 import type { GeoPosition } from '../vehicle/geo';
 
-/** A colour by its meaning: planned (`target`), geofence (`caution`), forbidden (`danger`), actual, neutral (`text2`). */
-export type Tone = 'target' | 'caution' | 'danger' | 'actual' | 'text2';
+/**
+ * A colour by its meaning: planned (`target`), geofence (`caution`), forbidden (`danger`), actual, neutral (`text2`); of the second
+ * to fourth of several vehicles (`id2` to `id4`).
+ */
+export type Tone = 'target' | 'caution' | 'danger' | 'actual' | 'text2' | 'id2' | 'id3' | 'id4';
 
 /** A position of a layer. */
 export interface LayerPosition extends GeoPosition {

@@ -362,6 +362,7 @@ const COMPUTING = new Set([
   '/map_regions/size',
   '/plans/check',
   '/plans/convert',
+  '/plans/divide',
   '/plans/ground',
   '/plans/import',
   '/plans/insert',

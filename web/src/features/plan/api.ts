@@ -65,6 +65,12 @@ export interface InsertedMission {
   readonly called: string;
   readonly notes: readonly string[];
 }
+/** A survey divided over several vehicles: a mission with a role for each part. */
+export interface DividedSurvey {
+  readonly plan: Mission;
+  readonly parts: readonly Readonly<Schemas['DividedPart']>[];
+  readonly notes: readonly string[];
+}
 /** How positions relative to start or home are inserted if the planned starts of the two missions differ. */
 export type PositionHandling = NonNullable<Schemas['MissionToInsert']['positions']>;
 
@@ -164,6 +170,12 @@ export class PlanApi {
    */
   insert(plan: Mission, callPath: JsonPath, plan_id: string, in_air: boolean, positions: PositionHandling | null): Promise<Outcome<InsertedMission>> {
     return fromApi(this.api.post('/plans/insert', { body: { plan: toApi(plan), at: [...callPath], plan_id, in_air, positions } }));
+  }
+
+  /** Divides the survey in a row of the plan over vehicles at their present places, or over a number of vehicles. */
+  divide(plan: Plan, item: number, name: string, vehicles: readonly string[] | number, minimum_separation_m: number): Promise<Outcome<DividedSurvey>> {
+    const over = typeof vehicles === 'number' ? { count: vehicles } : { vehicles: [...vehicles] };
+    return fromApi(this.api.post('/plans/divide', { body: { plan: toApi(plan), item, name, minimum_separation_m, ...over } }));
   }
 
   /** Reads the trajectory in a CSV or NumPy (.npy) file. */

@@ -12,6 +12,7 @@ import { PlanEditor } from './editor/editor.svelte';
 import { MissionInsertion } from './offboard/insertion.svelte';
 import { VehicleMission } from './flight/vehicle-mission.svelte';
 import { PatternDrawing } from './patterns/drawing.svelte';
+import { SurveyDivision } from './patterns/division.svelte';
 import { PatternUpdates } from './patterns/updates.svelte';
 import { Plans } from './plans.svelte';
 
@@ -25,6 +26,9 @@ export const patternUpdates = new PatternUpdates(planApi, editor);
 
 export const insertion = new MissionInsertion(planApi, editor);
 
+export const roleAssignment = new RoleAssignment();
+export const division = new SurveyDivision(planApi, editor, roleAssignment);
+
 export const vehicleMission = new VehicleMission(page.api, commandGate, (commandName, vehicle, problem) =>
   actions.showProblem(commandName, nameOf(vehicle), 'actionBar', problem),
 );
@@ -32,7 +36,6 @@ export const dryRun = new DryRun(page.api);
 // Registered for the whole page, because a dry run continues while another room is open.
 page.eventListeners.push((event) => void dryRun.handleEvent(event));
 export const acceptedErrors = new AcceptedErrors();
-export const roleAssignment = new RoleAssignment();
 
 /** Home of the selected vehicle; null: home is not known, or the vehicle is a replay. */
 export function vehicleHome(): PlannedHome | null {

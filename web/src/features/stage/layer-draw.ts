@@ -26,6 +26,9 @@ export const TONES: Readonly<Record<Tone, string>> = {
   danger: '--danger',
   actual: '--actual',
   text2: '--text-2',
+  id2: '--id-2',
+  id3: '--id-3',
+  id4: '--id-4',
 };
 
 type LayerFeature = Feature<Geometry, { kind: string; tone?: Tone; faded?: boolean; icon?: string; sortKey?: number; yaw_deg?: number }>;

@@ -130,7 +130,7 @@ describe('a mission with obstacles', () => {
       [20, 25, 40, -10],
     ] as const;
     const leg = { place: 'step 2', title: 'Fly', start_s: 0, duration_s: 20, main: true, points };
-    const flight = { steps: [], legs: [leg], needs: [], start_ned_m: [0, 0, 0] as const, origin: HOME };
+    const flight = { steps: [], legs: [{ ...leg, role: null }], roles: [], closest: [], needs: [], start_ned_m: [0, 0, 0] as const, origin: HOME };
     const [span] = missionProfile(flight, [], mission).obstacles;
     expect(span).toMatchObject({ top_m: 8 });
     expect([span?.from_m, span?.to_m].map((metres) => Math.round(metres ?? 0))).toEqual([20, 30]);

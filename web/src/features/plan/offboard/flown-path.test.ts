@@ -15,6 +15,7 @@ const leg = (place: string, from: Vector, to: Vector, main = true): Leg => ({
   start_s: 0,
   duration_s: 10,
   main,
+  role: null,
   points: [
     [0, ...from],
     [10, ...to],

@@ -6,7 +6,7 @@ import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { pointAdder, areaLayer, sketchLines, type Sketch } from '../document/layer';
 import { midpoint } from '../document/edit';
 import { homeEntry, areaEntries, type ListEntry } from '../document/list-entries';
-import { nodesOf, stepPlaceOf, positionsOf, pointId, pointRefOf, stepId, type Mission, type StepNode } from './mission';
+import { nodesOf, stepPlaceOf, positionsOf, pointId, pointRefOf, roleNames, roleTone, stepId, type Mission, type StepNode } from './mission';
 import { altitudeText, geoPointOf, type MissionFrame, type GeoPoint } from './positions';
 import type { CompiledFlight, StepTime } from './mission';
 import { detailOf, stepTitle } from './step-titles';
@@ -66,7 +66,7 @@ export function missionLayer(
       );
     }
   }
-  lines.push(...(flight === null ? straightLines(nodes, frame) : flightLines(flight, frame, isCurrent)), ...sketchLines(sketch));
+  lines.push(...(flight === null ? straightLines(nodes, frame) : flightLines(flight, roleNames(mission), frame, isCurrent)), ...sketchLines(sketch));
   const { lat_deg, lon_deg, alt_amsl_m } = frame.start;
   return { points, lines, areas, solids, ground: { lat_deg, lon_deg, alt_amsl_m } };
 }
@@ -83,21 +83,21 @@ function straightLines(nodes: readonly StepNode[], frame: MissionFrame): LayerLi
 }
 
 /** The compiled path. Alternative branches and outdated paths are dotted. */
-function flightLines(flight: CompiledFlight, frame: MissionFrame, isCurrent: boolean): LayerLine[] {
-  const lines: { main: boolean; positions: LayerPosition[] }[] = [];
-  for (const { main, points } of flight.legs) {
+function flightLines(flight: CompiledFlight, roles: readonly string[], frame: MissionFrame, isCurrent: boolean): LayerLine[] {
+  const lines: { main: boolean; role: string | null; positions: LayerPosition[] }[] = [];
+  for (const { main, role, points } of flight.legs) {
     const positions = points.map(([, north_m, east_m, down_m]): LayerPosition => ({
       ...positionAt(frame.origin, { north_m, east_m }),
       alt_amsl_m: frame.origin.alt_amsl_m - down_m,
     }));
     const previous = lines.at(-1);
-    if (previous !== undefined && previous.main === main && isSamePosition(previous.positions.at(-1), positions[0]))
+    if (previous !== undefined && previous.main === main && previous.role === role && isSamePosition(previous.positions.at(-1), positions[0]))
       previous.positions.push(...positions.slice(1));
-    else lines.push({ main, positions });
+    else lines.push({ main, role, positions });
   }
   return lines
     .filter(({ positions }) => positions.length > 1)
-    .map(({ main, positions }) => ({ positions, tone: 'target', style: main && isCurrent ? 'solid' : 'dotted' }));
+    .map(({ main, role, positions }) => ({ positions, tone: role === null ? 'target' : roleTone(roles, role), style: main && isCurrent ? 'solid' : 'dotted' }));
 }
 
 function isSamePosition(a: GeoPosition | undefined, b: GeoPosition | undefined): boolean {

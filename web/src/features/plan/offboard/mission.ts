@@ -1,6 +1,7 @@
 /** The document of an offboard mission (`docs/missions.md`), and its steps as a tree. Pure functions. */
 
 import type { components } from '../../../api/schema';
+import type { Tone } from '../../../app/map-layers.svelte';
 import type { PlannedHome, DocumentAreas } from '../document/document';
 
 type Schemas = components['schemas'];
@@ -103,6 +104,11 @@ export function nodesOf(mission: Mission): StepNode[] {
 
 /** Names of the roles; empty for a mission for one vehicle. */
 export const roleNames = (mission: Mission): string[] => Object.keys(mission.roles ?? {});
+
+const ROLE_TONES: readonly Tone[] = ['target', 'id2', 'id3', 'id4', 'actual'];
+
+/** Colour of a role's path; from the sixth role on they repeat. */
+export const roleTone = (roles: readonly string[], role: string): Tone => ROLE_TONES[Math.max(0, roles.indexOf(role)) % ROLE_TONES.length] ?? 'target';
 
 /** Why these vehicles cannot fly the roles; null: each role has a different vehicle. */
 export function assignmentProblem(roles: readonly string[], vehicles: Readonly<Record<string, string>>): string | null {

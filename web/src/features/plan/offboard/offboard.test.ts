@@ -275,7 +275,15 @@ describe('the fields of steps', () => {
 });
 
 describe('the map of a mission', () => {
-  const leg = (place: string, main: boolean, ...points: [number, number, number, number][]) => ({ place, title: '', start_s: 0, duration_s: 1, main, points });
+  const leg = (place: string, main: boolean, ...points: [number, number, number, number][]) => ({
+    place,
+    title: '',
+    start_s: 0,
+    duration_s: 1,
+    main,
+    role: null,
+    points,
+  });
   const flight = {
     legs: [
       leg('step 1', true, [0, 0, 0, 0], [1, 10, 0, -5]),
@@ -295,6 +303,16 @@ describe('the map of a mission', () => {
       ['solid', 3],
       ['dotted', 2],
     ]);
+  });
+
+  it('has the path of each role in its own colour', () => {
+    const twoRoles = { ...missionOf(), steps: [], roles: { lead: { steps: [newStep('land')] }, left: { steps: [newStep('land')] } } };
+    const legs = [
+      { ...leg('lead, step 1', true, [0, 0, 0, 0], [1, 0, 0, -5]), role: 'lead' },
+      { ...leg('left, step 1', true, [0, 0, 0, -5], [1, 9, 0, -5]), role: 'left' },
+    ];
+    const layer = missionLayer(twoRoles, new Set(), null, FRAME, { legs } as unknown as CompiledFlight, true);
+    expect(layer.lines.map(({ tone }) => tone)).toEqual(['target', 'id2']);
   });
 
   it('has altitudes for the 3D view, from the start and along the compiled path', () => {

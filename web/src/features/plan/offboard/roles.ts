@@ -1,6 +1,7 @@
-/** Adds, renames and removes roles of a mission. Pure: each function returns a new mission. */
+/** Adds, renames and removes roles of a mission, and says what the server has planned for them. Pure: each function returns a new mission. */
 
-import { roleNames, type Mission, type Role, type Step } from './mission';
+import { durationText, fixed, metres } from '../../../ui/format';
+import { roleNames, type CompiledFlight, type Mission, type Role, type Step } from './mission';
 import { newStep } from './step-titles';
 
 export const MAX_ROLES = 10;
@@ -62,4 +63,20 @@ export function removeRole(mission: Mission, name: string): Mission {
 
 function withoutMeetings(steps: readonly Step[]): readonly Step[] {
   return steps.filter((step) => step.step !== 'meet').map((step) => (step.step === 'repeat' ? { ...step, steps: withoutMeetings(step.steps ?? []) } : step));
+}
+
+/** Time, length and photos of a role; empty until the server has compiled it. */
+export function roleFigures(flight: CompiledFlight, role: string): string {
+  const planned = flight.roles.find((each) => each.role === role);
+  if (planned === undefined) return '';
+  const length = metres(planned.length_m);
+  return [durationText(planned.time_s), `${length.text} ${length.unit}`, ...(planned.photos > 0 ? [`${planned.photos} photos`] : [])].join(' · ');
+}
+
+/** The smallest planned distance of two vehicles; null: one vehicle, or the places are not known. */
+export function closestText(flight: CompiledFlight): string | null {
+  const [first, ...rest] = flight.closest;
+  if (first === undefined) return null;
+  const { roles, distance_m, t_s } = rest.reduce((nearest, each) => (each.distance_m < nearest.distance_m ? each : nearest), first);
+  return `Smallest planned distance: ${fixed(distance_m, 1)} m, ${roles[0]} and ${roles[1]} after ${durationText(t_s)}.`;
 }
