@@ -54,6 +54,10 @@ class TargetAltitude(StrictBody):
     """Above home [m]."""
     max_distance_m: float | None = Field(default=None, allow_inf_nan=False, gt=0, le=100_000)
     """Refuse a target that is farther away than this [m]; default 1000."""
+    despite: Despite = Field(default=[])
+    """Codes of findings about the vehicle's geofence that the caller accepts: `fence_violation`,
+    `fence_crossed`, `fence_unknown`, `radius_exceeded` (GF_MAX_HOR_DIST), `altitude_fence`
+    (GF_MAX_VER_DIST)."""
 
     @model_validator(mode="after")
     def _check_one_altitude(self) -> Self:

@@ -232,13 +232,14 @@ class Vehicle:
         cannot be entered now."""
         return (await self.request("GET", "/modes"))["modes"]
 
-    async def goto(self, lat_deg: float, lon_deg: float, **options: float) -> None:
-        """Flies to a position; give `alt_amsl_m` or `alt_home_m`, and optionally `yaw_ned_deg`, `speed_m_s`
-        and `max_distance_m`."""
+    async def goto(self, lat_deg: float, lon_deg: float, **options: object) -> None:
+        """Flies to a position; give `alt_amsl_m` or `alt_home_m`, and optionally `yaw_ned_deg`, `speed_m_s`,
+        `max_distance_m`, and `despite` (codes of findings about the geofence that you accept)."""
         await self.request("POST", "/goto", {"lat_deg": lat_deg, "lon_deg": lon_deg, **options})
 
-    async def change_altitude(self, **options: float) -> None:
-        """Climbs or descends in Hold; give `alt_amsl_m` or `alt_home_m`, and optionally `max_distance_m`."""
+    async def change_altitude(self, **options: object) -> None:
+        """Climbs or descends in Hold; give `alt_amsl_m` or `alt_home_m`, and optionally `max_distance_m` and
+        `despite`."""
         await self.request("POST", "/altitude", {**options})
 
     async def change_heading(self, yaw_ned_deg: float) -> None:
@@ -253,7 +254,7 @@ class Vehicle:
         self, lat_deg: float, lon_deg: float, *, radius_m: float, speed_m_s: float, **options: object
     ) -> None:
         """Circles around a point; give `alt_amsl_m` or `alt_home_m`, and optionally `clockwise`, `yaw`
-        (`center`, `initial`, `tangent`, `uncontrolled`) and `max_distance_m`."""
+        (`center`, `initial`, `tangent`, `uncontrolled`), `max_distance_m` and `despite`."""
         body: Body = {"lat_deg": lat_deg, "lon_deg": lon_deg, "radius_m": radius_m, "speed_m_s": speed_m_s}
         await self.request("POST", "/orbit", {**body, **options})
 

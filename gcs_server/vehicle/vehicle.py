@@ -123,6 +123,7 @@ class Vehicle:
             self._read_parameter,
             self._home_in_use,
             self._state.home_was_set,
+            lambda: self.mission,
         )
         self.components = Components(identity.component_id, clock, self._report_component)
         self.gimbals = Gimbals(self, self._state)

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 
 from gcs_server.api import command_routes, models
-from gcs_server.errors import Interrupted, InvalidRequest, Refused, Rejected
+from gcs_server.errors import Interrupted, InvalidRequest, PlanFindings, Refused, Rejected
 from gcs_server.vehicle.px4.modes import BY_NAME
+from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
+from missions.formats.mavlink_items import fence_items
 from missions.geodesy import LocalOrigin, distance_m
+from missions.plan import Plan
 from missions.terrain.ground import Ground
+from missions.values import FenceCircle, Point
 from tests.protocol.api_calls import ANNA, run_with_routes
 from tests.protocol.command_numbers import DO_CHANGE_SPEED, DO_ORBIT, DO_REPOSITION, DO_SET_HOME
 from tests.protocol.offboard_testbed import sleep, stream_request
@@ -213,6 +217,67 @@ def test_a_circle_is_compared_with_the_known_ground_at_its_edge(run_simulated):
             await command_routes.orbit("1", fits.model_copy(update={"radius_m": 80}), rig.station, ANNA)
 
     run_with_routes(run_simulated, scenario)
+
+
+def fence_around_home(radius_m, *, inclusion=True, north_m=0.0):
+    lat_deg, lon_deg, _ = LocalOrigin(HOME_LAT_DEG, HOME_LON_DEG, 0.0).to_geodetic((north_m, 0.0, 0.0))
+    centre = Point(lat_deg=lat_deg, lon_deg=lon_deg)
+    plan = Plan(fence=(FenceCircle(inclusion=inclusion, center=centre, radius_m=radius_m),))
+    return {"mission": (), "fence": fence_items(plan), "rally": ()}
+
+
+@pytest.mark.parametrize("px4", [V1_16, V1_17])
+def test_targets_and_circles_are_compared_with_the_vehicles_geofence_before_they_are_sent(run_simulated, px4):
+    async def scenario(testbed, vehicle):
+        async def refused(code, command, **arguments):
+            with pytest.raises(PlanFindings) as error:
+                await command(**arguments)
+            assert error.value.codes == (code,)
+            assert vehicle.status.mode == "hold"
+
+        guided, near = vehicle.guided, {**NORTH, "alt_home_m": 10}  # 56 m north
+        circle = {**near, "speed_m_s": 3}
+        testbed.loss = 0.0
+        await vehicle.mission.upload(fence_around_home(70), PlanReference(None, None, None))
+        await guided.goto(**near)
+        await refused("fence_violation", guided.orbit, **circle, radius_m=20)
+        await refused("fence_violation", guided.goto, **{**near, "lat_deg": HOME_LAT_DEG + 7e-4})
+        await guided.goto(HOME_LAT_DEG, HOME_LON_DEG, alt_home_m=10)
+        await until(lambda: away_m(vehicle, HOME_LAT_DEG, HOME_LON_DEG) < 3, 60)
+        zone = fence_around_home(8, inclusion=False, north_m=30)  # on the straight way to the target
+        await vehicle.mission.upload(zone, PlanReference(None, None, None))
+        await refused("fence_crossed", guided.goto, **near)
+        await guided.goto(HOME_LAT_DEG, HOME_LON_DEG + 5e-4, alt_home_m=10)  # another way is free
+        known = vehicle.mission.items_on_vehicle
+        vehicle.mission.items_on_vehicle = None  # as after an upload of another station
+        await refused("fence_unknown", guided.goto, **near)
+        await guided.goto(**near, despite=["fence_unknown"])
+        vehicle.mission.items_on_vehicle = known
+
+    run_flying(run_simulated, scenario, px4=px4)
+
+
+def test_targets_are_compared_with_the_distance_and_height_of_the_geofence_unless_it_does_nothing(
+    run_simulated,
+):
+    async def scenario(testbed, vehicle):
+        near, circle = {**NORTH, "alt_home_m": 10}, {**NORTH, "alt_home_m": 10, "speed_m_s": 3}
+        await vehicle.params.set("GF_MAX_HOR_DIST", 70)
+        await vehicle.params.set("GF_MAX_VER_DIST", 25)
+        with pytest.raises(PlanFindings, match=r"up to 7[567] m from home; .* 70 m") as refused:
+            await vehicle.guided.orbit(**circle, radius_m=20)
+        assert refused.value.codes == ("radius_exceeded",)
+        for command in (
+            lambda: vehicle.guided.change_altitude(alt_home_m=30),
+            lambda: vehicle.guided.goto(**{**near, "alt_home_m": 30}),
+        ):
+            with pytest.raises(PlanFindings, match=r"30 m above home; .* 25 m \(GF_MAX_VER_DIST\)"):
+                await command()
+        await vehicle.guided.goto(**near)
+        await vehicle.params.set("GF_ACTION", 0)
+        await vehicle.guided.change_altitude(alt_home_m=30)
+
+    run_flying(run_simulated, scenario)
 
 
 def test_targets_below_home_speeds_beyond_the_limit_and_wrong_modes_are_refused(run_simulated):

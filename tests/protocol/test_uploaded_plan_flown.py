@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from gcs_server.errors import Rejected
+from gcs_server.errors import PlanFindings, Rejected
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
 from missions.geodesy import distance_m
@@ -57,8 +57,11 @@ def test_a_vehicle_flies_an_uploaded_plan_pauses_resumes_and_returns_to_the_rall
             await sleep(3)
             assert (current_item(), vehicle.status.mode) == (1, "hold")
             outside_lat_deg = home.lat_deg + (FENCE_RADIUS_M + 10) * DEG_PER_M
-            with pytest.raises(Rejected, match="outside geofence"):
-                await vehicle.guided.goto(outside_lat_deg, home.lon_deg, alt_home_m=8.0)
+            outside = {"lat_deg": outside_lat_deg, "lon_deg": home.lon_deg, "alt_home_m": 8.0}
+            with pytest.raises(PlanFindings, match="leaves the vehicle's geofence"):
+                await vehicle.guided.goto(**outside)
+            with pytest.raises(Rejected, match="outside geofence"):  # accepted by the caller, but not by PX4
+                await vehicle.guided.goto(**outside, despite=["fence_violation"])
             await vehicle.command.set_mode("mission")
             await until(lambda: (vehicle.topic("mission").value.reached or 0) >= 1, 40)
             await until(lambda: vehicle.status.mode == ("rtl" if px4 is V1_17 else "mission"), 10)

@@ -13,7 +13,7 @@ return.
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from contextlib import closing, suppress
 from typing import Literal, Unpack
 
@@ -34,6 +34,8 @@ from gcs_server.vehicle.services.command import (
     CommandService,
     in_mode,
 )
+from gcs_server.vehicle.services.fence_checks import FenceChecks, LatLon
+from gcs_server.vehicle.services.mission import MissionService
 from gcs_server.vehicle.services.port import VehiclePort
 from gcs_server.vehicle.services.transaction import Goal, Request, Transaction
 from gcs_server.vehicle.tickets import Ticket
@@ -61,8 +63,9 @@ GROUND_SPEED = 1.0
 """param1 of DO_CHANGE_SPEED."""
 REPOSITION_CHANGES_MODE = 1.0
 NAN = math.nan
-CIRCLE_POINTS = 16
-"""Positions of a circle that are compared with the ground."""
+CIRCLE_POINTS = 72
+"""Positions of a circle that are compared with the ground and the geofence. The chords between them are
+within 0.1 % of the radius of it."""
 
 OrbitYaw = Literal["center", "initial", "uncontrolled", "tangent"]
 ORBIT_YAW: dict[OrbitYaw, float] = {"center": 0.0, "initial": 1.0, "uncontrolled": 2.0, "tangent": 3.0}
@@ -91,6 +94,7 @@ class Guided:
         read_parameter: reads a parameter from the vehicle; None: no answer.
         home_in_use: why home must not move now, as a sentence; None: it may.
         home_was_set: called when the vehicle reports the home that was set.
+        mission: the vehicle's plan, with its geofence.
     """
 
     def __init__(
@@ -101,6 +105,7 @@ class Guided:
         read_parameter: Callable[[str], Awaitable[float | None]],
         home_in_use: Callable[[], str | None],
         home_was_set: Callable[[], None],
+        mission: Callable[[], MissionService],
     ) -> None:
         self._vehicle = vehicle
         self._command = command
@@ -108,6 +113,7 @@ class Guided:
         self._read_parameter = read_parameter
         self._home_in_use = home_in_use
         self._home_was_set = home_was_set
+        self._fence = FenceChecks(vehicle, mission, self._limit)
 
     async def goto(
         self,
@@ -119,11 +125,13 @@ class Guided:
         yaw_ned_deg: float | None = None,
         speed_m_s: float | None = None,
         max_distance_m: float = MAX_DISTANCE_M,
+        despite: Collection[str] = (),
         **options: Unpack[CommandOptions],
     ) -> None:
         """Flies to a position in Hold mode, at exactly one of the two altitudes. Returns once the vehicle has
         the target, before it arrives. Without `speed_m_s` PX4 keeps the speed of an earlier command in the
-        same stay in Hold, and otherwise flies at MPC_XY_CRUISE."""
+        same stay in Hold, and otherwise flies at MPC_XY_CRUISE. `despite` accepts findings about the
+        vehicle's geofence by their codes (`FenceChecks`), here and in the other commands."""
         checks.check_range("lat_deg", lat_deg, -90.0, 90.0)
         checks.check_range("lon_deg", lon_deg, -180.0, 180.0)
         checks.check_range("max_distance_m", max_distance_m, 1.0, 100_000.0)
@@ -135,6 +143,7 @@ class Guided:
             if speed_m_s is not None:
                 await self._check_speed(speed_m_s)
             target_amsl_m = await self._altitude_amsl_m(ticket, alt_amsl_m, alt_home_m)
+            await self._fence.require_inside(self._place(), [(lat_deg, lon_deg)], target_amsl_m, despite)
             checks.require_near(vehicle, lat_deg, lon_deg, target_amsl_m, max_distance_m)
             checks.require_above_ground(vehicle, self._command.floor.now(), lat_deg, lon_deg, target_amsl_m)
             speed = -1.0 if speed_m_s is None else speed_m_s
@@ -152,6 +161,7 @@ class Guided:
         alt_amsl_m: float | None = None,
         alt_home_m: float | None = None,
         max_distance_m: float = MAX_DISTANCE_M,
+        despite: Collection[str] = (),
         **options: Unpack[CommandOptions],
     ) -> None:
         """Climbs or descends in Hold to exactly one of the two altitudes; a go-to continues at the new one.
@@ -161,6 +171,7 @@ class Guided:
         self._require_flying()
         with self._command.begin("change altitude", options, BY_NAME["hold"]) as ticket:
             target_amsl_m = await self._altitude_amsl_m(ticket, alt_amsl_m, alt_home_m)
+            await self._fence.require_inside(self._place(), [self._place()], target_amsl_m, despite)
             position = checks.position_of(vehicle)
             place = self._hold_target() or (position.lat_deg, position.lon_deg, position.alt_amsl_m)
             for lat_lon_deg in {place[:2], (position.lat_deg, position.lon_deg)}:
@@ -223,6 +234,7 @@ class Guided:
         clockwise: bool = True,
         yaw: OrbitYaw | None = None,
         max_distance_m: float = MAX_DISTANCE_M,
+        despite: Collection[str] = (),
         **options: Unpack[CommandOptions],
     ) -> None:
         """Circles around a point, at exactly one of the two altitudes, until another command. Returns once
@@ -238,6 +250,7 @@ class Guided:
             clockwise: direction, seen from above.
             yaw: where the nose points; None: as MC_ORBIT_YAW_MOD says.
             max_distance_m: refuse a centre that is farther away.
+            despite: codes of findings about the geofence that are accepted.
             options: see `CommandOptions`.
         """
         checks.check_range("lat_deg", lat_deg, -90.0, 90.0)
@@ -248,8 +261,10 @@ class Guided:
         with self._command.begin("orbit", options, BY_NAME["orbit"]) as ticket:
             await self._check_orbit(radius_m, speed_m_s)
             target_amsl_m = await self._altitude_amsl_m(ticket, alt_amsl_m, alt_home_m)
+            circle = _circle(self._place(), (lat_deg, lon_deg), radius_m)
+            await self._fence.require_inside(self._place(), circle, target_amsl_m, despite)
             checks.require_near(self._vehicle, lat_deg, lon_deg, target_amsl_m, max_distance_m)
-            self._require_circle_above_ground((lat_deg, lon_deg), radius_m, target_amsl_m)
+            self._require_circle_above_ground(circle, target_amsl_m)
             signed_radius_m = radius_m if clockwise else -radius_m
             behaviour = NAN if yaw is None else ORBIT_YAW[yaw]
             request = Request(
@@ -400,14 +415,14 @@ class Guided:
                 f"{math.ceil(speed_m_s**2 / ORBIT_ACCELERATION_M_S2):g} m.",
             )
 
-    def _require_circle_above_ground(
-        self, centre_deg: tuple[float, float], radius_m: float, alt_amsl_m: float
-    ) -> None:
-        angles = np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
-        origin = LocalOrigin(*centre_deg, alt_amsl_m)
-        offsets = [(radius_m * math.cos(a), radius_m * math.sin(a), 0.0) for a in angles]
-        lat_deg, lon_deg, alt_m = np.array([origin.to_geodetic(offset) for offset in offsets]).T
-        too_low = self._command.floor.now().too_low(lat_deg, lon_deg, alt_m)
+    def _place(self) -> LatLon:
+        """The vehicle's present position. Raises Refused if it reports none."""
+        position = checks.position_of(self._vehicle)
+        return (position.lat_deg, position.lon_deg)
+
+    def _require_circle_above_ground(self, circle: list[LatLon], alt_amsl_m: float) -> None:
+        lat_deg, lon_deg = np.array(circle).T
+        too_low = self._command.floor.now().too_low(lat_deg, lon_deg, np.full(len(circle), alt_amsl_m))
         if too_low is not None:
             raise Refused(f"A part of the circle is {too_low.text}.", remedy=too_low.remedy)
 
@@ -495,6 +510,16 @@ class Guided:
                 decoded = decode({msg_id: payload})
                 return None if decoded is None else decoded[0]
         return None
+
+
+def _circle(vehicle: LatLon, centre: LatLon, radius_m: float) -> list[LatLon]:
+    """Positions of a circle, beginning at the nearest one to the vehicle."""
+    origin = LocalOrigin(*centre, 0.0)
+    north_m, east_m, _ = origin.to_ned(*vehicle, 0.0)
+    first_rad = math.atan2(east_m, north_m)
+    angles = first_rad + np.linspace(0.0, 2.0 * math.pi, CIRCLE_POINTS, endpoint=False)
+    offsets = [(radius_m * math.cos(a), radius_m * math.sin(a), 0.0) for a in angles.tolist()]
+    return [(lat, lon) for lat, lon, _ in map(origin.to_geodetic, offsets)]
 
 
 def _reposition(yaw_rad: float, alt_amsl_m: float) -> Request:

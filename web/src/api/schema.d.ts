@@ -2961,6 +2961,13 @@ export interface components {
              * @description Refuse a target that is farther away than this [m]; default 1000.
              */
             readonly max_distance_m?: number | null;
+            /**
+             * Despite
+             * @description Codes of findings about the vehicle's geofence that the caller accepts: `fence_violation`,
+             *     `fence_crossed`, `fence_unknown`, `radius_exceeded` (GF_MAX_HOR_DIST), `altitude_fence`
+             *     (GF_MAX_VER_DIST).
+             */
+            readonly despite?: readonly string[];
         };
         /**
          * AnswerControl
@@ -6686,6 +6693,13 @@ export interface components {
              * @description Refuse a target that is farther away than this [m]; default 1000.
              */
             readonly max_distance_m?: number | null;
+            /**
+             * Despite
+             * @description Codes of findings about the vehicle's geofence that the caller accepts: `fence_violation`,
+             *     `fence_crossed`, `fence_unknown`, `radius_exceeded` (GF_MAX_HOR_DIST), `altitude_fence`
+             *     (GF_MAX_VER_DIST).
+             */
+            readonly despite?: readonly string[];
             /**
              * Lat Deg
              * @description Degrees north, WGS 84.
@@ -10610,6 +10624,13 @@ export interface components {
              * @description Refuse a target that is farther away than this [m]; default 1000.
              */
             readonly max_distance_m?: number | null;
+            /**
+             * Despite
+             * @description Codes of findings about the vehicle's geofence that the caller accepts: `fence_violation`,
+             *     `fence_crossed`, `fence_unknown`, `radius_exceeded` (GF_MAX_HOR_DIST), `altitude_fence`
+             *     (GF_MAX_VER_DIST).
+             */
+            readonly despite?: readonly string[];
             /**
              * Lat Deg
              * @description Degrees north, WGS 84.

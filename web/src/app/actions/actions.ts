@@ -186,7 +186,7 @@ export function confirmationTexts(
   }
 }
 
-/** Sends the request of an action. @param despite codes of the findings that a person has accepted, for `arm`. */
+/** Sends the request of an action. @param despite codes of the findings that a person has accepted, for `arm` and `goto`. */
 export function sendAction(
   api: ApiClient,
   action: Exclude<ActionName, 'offboard_start'>,
@@ -210,7 +210,7 @@ export function sendAction(
     case 'goto': {
       if (target === null) throw new Error('goto needs a target');
       const { lat_deg, lon_deg, alt_home_m } = target;
-      return api.post('/vehicles/{v}/goto', { ...params, body: { lat_deg, lon_deg, alt_home_m } });
+      return api.post('/vehicles/{v}/goto', { ...params, body: { lat_deg, lon_deg, alt_home_m, ...(despite.length === 0 ? {} : { despite: [...despite] }) } });
     }
     default:
       return api.post(`/vehicles/{v}/${action}`, params);

@@ -132,7 +132,7 @@ export class ActionController {
       vehicles: [facts.id],
       vehicleNames: facts.name,
       stops: STOPS.has(action),
-      acceptsFindings: action === 'arm',
+      acceptsFindings: action === 'arm' || action === 'goto',
       send: async (despite) => {
         const outcome = await this.sendOrStartStream(action, this.currentFacts(facts), target, streamStart, despite);
         target?.onResult?.(outcome.ok);

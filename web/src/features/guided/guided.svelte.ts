@@ -120,7 +120,7 @@ export class GuidedCommands {
 
   /** What the map shows of the draft; null: nothing. */
   preview(facts: VehicleFacts | null): LayerContent | null {
-    return facts === null || facts.id !== this.vehicle ? null : previewContent(this.draft, facts);
+    return facts === null || facts.id !== this.vehicle ? null : previewContent(this.draft, facts, this.limitsOf(facts.id));
   }
 
   /** Whether the command has a position, which a click on the map sets. */
@@ -138,24 +138,26 @@ export class GuidedCommands {
       const now = this.factsNow(facts.id);
       return now === null || now.inAir === facts.inAir ? null : `${facts.name} has ${facts.inAir ? 'landed' : 'taken off'} since the command was given.`;
     };
-    const send = async (): Promise<Outcome<unknown>> => {
-      const outcome = await this.send(draft, facts.id, at);
+    const send = async (despite: readonly string[]): Promise<Outcome<unknown>> => {
+      const outcome = await this.send(draft, facts.id, at, despite);
       if (outcome.ok) this.accepted = { ...this.accepted, [facts.id]: { draft, at } };
       return outcome;
     };
-    const command = commandTo(facts, KIND_NAMES[draft.kind], send, { changed });
+    const command = commandTo(facts, KIND_NAMES[draft.kind], send, { changed, acceptsFindings: true });
     this.actions.requestCommand({ ...command, texts: () => confirmationTexts(draft, present(), this.limitsOf(facts.id)) }, MAIN_PART);
   }
 
-  private send(draft: Draft, id: string, { lat_deg, lon_deg }: { lat_deg: number; lon_deg: number }): Promise<Outcome<unknown>> {
+  /** @param codes findings about the geofence that the person has accepted. */
+  private send(draft: Draft, id: string, { lat_deg, lon_deg }: GeoPosition, codes: readonly string[]): Promise<Outcome<unknown>> {
     const params = ofVehicle(id);
+    const accepted = codes.length === 0 ? {} : { despite: [...codes] };
     const given = Object.fromEntries(FIELDS[draft.kind].flatMap((field) => ((value) => (value === null ? [] : [[field, value]]))(numberOf(draft, field))));
     const value = (field: Field): number => given[field] as number;
     switch (draft.kind) {
       case 'go':
-        return this.api.post('/vehicles/{v}/goto', { ...params, body: { lat_deg, lon_deg, ...given } });
+        return this.api.post('/vehicles/{v}/goto', { ...params, body: { lat_deg, lon_deg, ...given, ...accepted } });
       case 'altitude':
-        return this.api.post('/vehicles/{v}/altitude', { ...params, body: { alt_home_m: value('alt_home_m') } });
+        return this.api.post('/vehicles/{v}/altitude', { ...params, body: { alt_home_m: value('alt_home_m'), ...accepted } });
       case 'heading':
         return this.api.post('/vehicles/{v}/heading', { ...params, body: { yaw_ned_deg: value('yaw_ned_deg') } });
       case 'speed':
@@ -163,7 +165,7 @@ export class GuidedCommands {
       case 'orbit': {
         const nose = draft.nose === 'vehicle' ? {} : { yaw: draft.nose };
         const circle = { lat_deg, lon_deg, alt_home_m: value('alt_home_m'), radius_m: value('radius_m'), speed_m_s: value('speed_m_s') };
-        return this.api.post('/vehicles/{v}/orbit', { ...params, body: { ...circle, clockwise: draft.clockwise, ...nose } });
+        return this.api.post('/vehicles/{v}/orbit', { ...params, body: { ...circle, clockwise: draft.clockwise, ...nose, ...accepted } });
       }
       case 'home': {
         const ground_m = draft.place?.ground_amsl_m ?? null;

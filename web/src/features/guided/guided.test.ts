@@ -3,10 +3,23 @@ import { ApiClient } from '../../api/client';
 import { ActionController } from '../../app/actions/controller.svelte';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { groundDistance_m } from '../../vehicle/geo';
-import { effectText, fieldProblem, flownCircle, NO_LIMITS, orbitSpeedMax_m_s, previewContent, progressOf, whyNot, type Draft, type Limits } from './guided';
+import {
+  confirmationTexts,
+  effectText,
+  fenceText,
+  fieldProblem,
+  flownCircle,
+  NO_LIMITS,
+  orbitSpeedMax_m_s,
+  previewContent,
+  progressOf,
+  whyNot,
+  type Draft,
+  type Limits,
+} from './guided';
 import { GuidedCommands } from './guided.svelte';
 
-const LIMITS: Limits = { speedMax_m_s: 12, cruise_m_s: 5, up_m_s: 3, down_m_s: 1.5, turn_deg_s: 45, radiusMax_m: 1000, returnAlt_m: 30 };
+const LIMITS: Limits = { ...NO_LIMITS, speedMax_m_s: 12, cruise_m_s: 5, up_m_s: 3, down_m_s: 1.5, turn_deg_s: 45, radiusMax_m: 1000, returnAlt_m: 30 };
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const NORTH = { lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null };
 const draftOf = (kind: Draft['kind'], texts: Partial<Draft['texts']> = {}, more: Partial<Draft> = {}): Draft => ({
@@ -45,6 +58,32 @@ describe('the values of a guided command', () => {
     expect(fieldProblem(draftOf('altitude', { alt_home_m: '12,5' }), 'alt_home_m', LIMITS)).toBeNull();
     const go = draftOf('go', { speed_m_s: '', yaw_ned_deg: '' }, { place: NORTH });
     expect(whyNot(go, factsOf(), LIMITS)).toBeNull();
+  });
+});
+
+describe('the geofence around home', () => {
+  const FENCED: Limits = { ...LIMITS, fenceRadius_m: 100, fenceHeight_m: 25, fenceAction: 2 };
+  const near = draftOf('orbit', { radius_m: '30' });
+
+  it('is compared with circle, target and altitude, unless it does nothing', () => {
+    expect(fenceText(near, factsOf(), FENCED)).toBe('');
+    expect(fenceText(draftOf('orbit', { radius_m: '30' }, { place: NORTH }), factsOf(), FENCED)).toBe(
+      'Up to 141 m from home: the geofence allows 100 m (GF_MAX_HOR_DIST).',
+    );
+    expect(fenceText(draftOf('go', { alt_home_m: '30' }, { place: NORTH }), factsOf(), FENCED)).toMatch(
+      /^Up to 111 m .* Above the geofence, which allows 25 m/,
+    );
+    expect(fenceText(draftOf('altitude', { alt_home_m: '30' }), factsOf(), FENCED)).toContain('(GF_MAX_VER_DIST)');
+    expect(fenceText(draftOf('altitude', { alt_home_m: '30' }), factsOf(), { ...FENCED, fenceAction: 0 })).toBe('');
+    expect(fenceText(draftOf('altitude', { alt_home_m: '30' }), factsOf(), { ...FENCED, fenceHeight_m: 0 })).toBe('');
+    expect(fenceText(draftOf('heading'), factsOf(), FENCED)).toBe('');
+  });
+  it('is drawn with the command and said in its confirmation', () => {
+    expect(previewContent(near, factsOf(), LIMITS)?.lines.length).toBe(2);
+    const drawn = previewContent(near, factsOf(), FENCED)?.lines.at(-1);
+    expect(drawn).toMatchObject({ tone: 'caution', style: 'dashed' });
+    expect(groundDistance_m(HERE, drawn?.positions[0] ?? HERE)).toBeCloseTo(100, 1);
+    expect(confirmationTexts(draftOf('altitude', { alt_home_m: '30' }), factsOf(), FENCED).effect).toContain('Above the geofence');
   });
 });
 
@@ -103,9 +142,11 @@ describe('the circle on the map', () => {
 
 describe('the form', () => {
   const requests: { path: string; body: unknown }[] = [];
+  let refusal: object | null = null;
   const answer = (path: string): object => (path.includes('/params/') ? { name: 'x', value: path.includes('RAD_MAX') ? 1000 : 12 } : {});
   const api = new ApiClient('p', undefined, (path, init) => {
     requests.push({ path: path.replace('/api/v1', ''), body: init.body === undefined ? null : JSON.parse(String(init.body)) });
+    if (refusal !== null && init.body !== undefined) return Promise.resolve(new Response(JSON.stringify(refusal), { status: 409 }));
     return Promise.resolve(Response.json(answer(path)));
   });
   let now_s = 0;
@@ -139,6 +180,26 @@ describe('the form', () => {
     expect(guided.draft.place).toMatchObject(HERE);
     guided.editor.drop(false);
     expect(guided.draft.place).toMatchObject({ lat_deg: 47.401 });
+  });
+  it('asks again with the findings of the geofence that the server named, and then accepts exactly these', async () => {
+    refusal = {
+      code: 'plan_findings',
+      detail: 'The circle leaves the vehicle’s geofence. Nothing was sent.',
+      codes: ['fence_violation'],
+      reasons: [],
+      remedy: null,
+    };
+    guided.open('orbit', factsOf(), NORTH);
+    now_s += 10;
+    guided.request(factsOf());
+    await confirm();
+    expect(requests.at(-1)?.body).not.toHaveProperty('despite');
+    refusal = null;
+    now_s += 10;
+    actions.acceptFindings('actionBar');
+    expect(actions.confirmation === null ? '' : actions.textsFor(actions.confirmation).effect).toContain('You accept this finding: The circle leaves');
+    await confirm();
+    expect(requests.at(-1)?.body).toMatchObject({ despite: ['fence_violation'], radius_m: 20 });
   });
   it('opens no confirmation for a value that cannot be sent', () => {
     guided.open('altitude', factsOf());

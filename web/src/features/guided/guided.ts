@@ -62,9 +62,12 @@ export const PARAMETERS = {
   turn_deg_s: 'MPC_YAWRAUTO_MAX',
   radiusMax_m: 'MC_ORBIT_RAD_MAX',
   returnAlt_m: 'RTL_RETURN_ALT',
+  fenceRadius_m: 'GF_MAX_HOR_DIST',
+  fenceHeight_m: 'GF_MAX_VER_DIST',
+  fenceAction: 'GF_ACTION',
 } as const;
 export type Limits = Readonly<Record<keyof typeof PARAMETERS, number | null>>;
-export const NO_LIMITS: Limits = { speedMax_m_s: null, cruise_m_s: null, up_m_s: null, down_m_s: null, turn_deg_s: null, radiusMax_m: null, returnAlt_m: null };
+export const NO_LIMITS = Object.fromEntries(Object.keys(PARAMETERS).map((name) => [name, null])) as Limits;
 
 export interface Place extends GeoPosition {
   /** Altitude of the ground AMSL, if the view knows it. */
@@ -150,6 +153,28 @@ export function whyNot(draft: Draft, facts: VehicleFacts, limits: Limits): strin
   return problem ?? null;
 }
 
+/** The limit of the geofence around home; null: none, not known, or the geofence does nothing. */
+function fenceLimit(limits: Limits, field: 'fenceRadius_m' | 'fenceHeight_m'): number | null {
+  const value_m = limits[field];
+  return value_m === null || value_m <= 0 || limits.fenceAction === 0 ? null : value_m;
+}
+
+/** How the command leaves the limits of the geofence around home; empty: it does not. The server compares the stored geofence too. */
+export function fenceText(draft: Draft, facts: VehicleFacts, limits: Limits): string {
+  const [home, at] = [facts.home?.value, placeOf(draft, facts)];
+  if (home === undefined || at === null || (draft.kind !== 'go' && draft.kind !== 'orbit' && draft.kind !== 'altitude')) return '';
+  const [radius_m, height_m] = [fenceLimit(limits, 'fenceRadius_m'), fenceLimit(limits, 'fenceHeight_m')];
+  const away_m = groundDistance_m(home, at) + (draft.kind === 'orbit' ? number(draft, 'radius_m') : 0);
+  const alt_m = number(draft, 'alt_home_m');
+  const texts = [
+    draft.kind !== 'altitude' && radius_m !== null && away_m > radius_m
+      ? `Up to ${distanceText(away_m)} from home: the geofence allows ${fixedShort(radius_m)} m (${PARAMETERS.fenceRadius_m}).`
+      : '',
+    height_m !== null && alt_m > height_m ? `Above the geofence, which allows ${fixedShort(height_m)} m above home (${PARAMETERS.fenceHeight_m}).` : '',
+  ];
+  return texts.filter(Boolean).join(' ');
+}
+
 function distanceText(value_m: number): string {
   const { text, unit } = metres(value_m);
   return `${text} ${unit}`;
@@ -220,7 +245,8 @@ function homeText(draft: Draft, facts: VehicleFacts, limits: Limits, at: GeoPosi
 }
 
 export function confirmationTexts(draft: Draft, facts: VehicleFacts, limits: Limits): ConfirmationTexts {
-  return { title: `${KIND_NAMES[draft.kind]}: ${facts.name}`, effect: effectText(draft, facts, limits), verb: VERBS[draft.kind], danger: false };
+  const effect = [effectText(draft, facts, limits), fenceText(draft, facts, limits)].filter(Boolean).join(' ');
+  return { title: `${KIND_NAMES[draft.kind]}: ${facts.name}`, effect, verb: VERBS[draft.kind], danger: false };
 }
 
 export function circle(centre: GeoPosition, radius_m: number): GeoPosition[] {
@@ -230,8 +256,15 @@ export function circle(centre: GeoPosition, radius_m: number): GeoPosition[] {
   });
 }
 
-/** What the map shows of a command before it is given; null: nothing. */
-export function previewContent(draft: Draft, facts: VehicleFacts): LayerContent | null {
+/** What the map shows of a command before it is given, with the geofence around home; null: nothing. */
+export function previewContent(draft: Draft, facts: VehicleFacts, limits: Limits = NO_LIMITS): LayerContent | null {
+  const content = commandPreview(draft, facts);
+  const [home, radius_m] = [facts.home?.value, fenceLimit(limits, 'fenceRadius_m')];
+  if (content === null || home === undefined || radius_m === null || (draft.kind !== 'go' && draft.kind !== 'orbit')) return content;
+  return { ...content, lines: [...content.lines, { positions: circle(home, radius_m), tone: 'caution', style: 'dashed' }] };
+}
+
+function commandPreview(draft: Draft, facts: VehicleFacts): LayerContent | null {
   const position = facts.globalPosition?.value;
   const [at, home] = [placeOf(draft, facts), facts.home?.value];
   if (position === undefined || at === null) return null;
