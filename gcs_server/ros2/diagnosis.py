@@ -3,6 +3,7 @@ and the page. Pure functions."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from typing import Final
 
@@ -12,6 +13,9 @@ from gcs_server.ros2.message_types import VERSIONS
 from gcs_server.ros2.topics import VehicleTopic, parse_topic
 
 EXCHANGE: Final = frozenset({REQUEST, RESPONSE})
+OFFBOARD: Final = "/fmu/in/offboard_control_mode"
+"""Published by programs that fly in Offboard. Programs with a mode of their own publish only setpoints, and
+take turns."""
 
 
 def report(
@@ -35,7 +39,7 @@ def report(
             + (f", those of PX4 {versions}" if versions else "")
         )
         problems += vehicle.problems()
-    return facts, problems + list(unmatched(known, sorted(formats)))
+    return facts, [*problems, *reasons(known, sorted(formats))]
 
 
 def versions_with(confirmed: Iterable[TopicFormat]) -> str:
@@ -48,6 +52,27 @@ def versions_with(confirmed: Iterable[TopicFormat]) -> str:
         if layouts and all(kind in types and types[kind].hash == value for kind, value in layouts)
     ]
     return " or ".join(version if version == "main" else f"v{version}" for version in sorted(matching))
+
+
+def reasons(endpoints: Iterable[Announcement], vehicles: list[str]) -> Iterable[str]:
+    """Why topics are empty or setpoints do nothing: topics that do not meet, and programs that compete."""
+    known = tuple(endpoints)
+    return itertools.chain(unmatched(known, vehicles), competing(known))
+
+
+def competing(endpoints: Iterable[Announcement]) -> Iterable[str]:
+    """A text for each vehicle that several programs fly in Offboard; one of them may be this server."""
+    programs: dict[str, set[str]] = {}
+    for each in endpoints:
+        parsed = None if each.topic is None or not each.publishes else parse_topic(each.topic.name)
+        if each.topic is not None and parsed is not None and parsed.base == OFFBOARD:
+            programs.setdefault(ros_name(each.topic.name), set()).add(each.participant)
+    for topic, publishers in sorted(programs.items()):
+        if len(publishers) > 1:
+            yield (
+                f"{len(publishers)} programs publish {topic}: PX4 follows whichever setpoint comes last, so "
+                "only one of them may run."
+            )
 
 
 def unmatched(endpoints: Iterable[Announcement], vehicles: list[str]) -> Iterable[str]:

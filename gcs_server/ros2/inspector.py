@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Final, Protocol
 
 from gcs_server.links.base import UnusableTopic
-from gcs_server.ros2.diagnosis import unmatched, versions_with
+from gcs_server.ros2.diagnosis import reasons, versions_with
 from gcs_server.ros2.formats import TopicFormat
 from gcs_server.ros2.inspection import (
     MAX_ENDPOINTS,
@@ -104,7 +104,7 @@ class Session:
         """The topics of a vehicle."""
         keys = self._domain.topics_of(namespace)
         vehicles, starting = self._domain.vehicles(), now_s - self._start_s < DISCOVERY_S
-        texts = () if starting else unmatched(self._endpoints.values(), vehicles)
+        texts = () if starting else reasons(self._endpoints.values(), vehicles)
         problems = itertools.islice(texts, MAX_PROBLEMS)
         return Inspection(
             domain_id=self._domain_id,

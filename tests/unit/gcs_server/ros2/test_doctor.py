@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from gcs_server.ros2.diagnosis import report, versions_with
+from gcs_server.ros2.diagnosis import OFFBOARD, report, versions_with
 from gcs_server.ros2.formats import USED, VehicleFormats
 from gcs_server.ros2.inspection import Announcement, TopicKey
 from gcs_server.ros2.message_types import MESSAGES
@@ -59,6 +59,18 @@ def test_a_topic_of_another_version_or_type_is_named() -> None:
     wrong_type = endpoint(SETPOINT, "", "program", publishes=True, kind="GotoSetpoint")
     _, (problem,) = report([*vehicle("1.17", ""), wrong_type], formats)
     assert "GotoSetpoint_ instead of px4_msgs::msg::dds_::TrajectorySetpoint_" in problem
+
+
+def test_two_programs_that_fly_one_vehicle_in_offboard_are_named_and_modes_of_their_own_are_not() -> None:
+    formats = {"px4_1": formats_of_version("1.17")}
+    offboard = [endpoint(OFFBOARD, "px4_1", name, publishes=True) for name in ("a", "b")]
+    modes = [endpoint(SETPOINT, "px4_1", name, publishes=True) for name in ("c", "d")]
+    assert report([*vehicle("1.17"), offboard[0], *modes], formats)[1] == []
+    other_vehicle = endpoint(OFFBOARD, "px4_2", "b", publishes=True)
+    both = {**formats, "px4_2": formats["px4_1"]}
+    assert report([*vehicle("1.17"), *vehicle("1.17", "px4_2"), offboard[0], other_vehicle], both)[1] == []
+    (problem,) = report([*vehicle("1.17"), *offboard, *modes], formats)[1]
+    assert problem.startswith("2 programs publish /px4_1/fmu/in/offboard_control_mode: PX4 follows whichever")
 
 
 def test_a_program_without_a_vehicle_and_a_silent_vehicle_are_problems() -> None:
