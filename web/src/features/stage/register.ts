@@ -18,6 +18,7 @@ page.eventListeners.push((event) => {
 provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
 registry.addPanel({ id: 'map-sources', order: 13, place: 'side', load: async () => ({ component: (await import('./MapSources.svelte')).default }) });
+registry.addPanel({ id: 'measure', order: 14, place: 'side', load: async () => ({ component: (await import('./MeasurePanel.svelte')).default }) });
 registry.addWarnings(() => maps.unreadableFiles);
 registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.reason}. The page tries again; the map shows the flight.`] : []));
 registry.addCloser({ order: 70, isOpen: () => mapPointMenu.mapPoint !== null, close: () => mapPointMenu.close() });
@@ -32,5 +33,12 @@ registry.addKeys([
   },
   { order: 200, keys: 'F', description: 'Map follows the vehicle: on or off', inScene: true, handlers: { f: () => stage.map?.toggleFollow() } },
   { order: 210, keys: 'Z', description: 'Zoom the map to the vehicle', inScene: true, handlers: { z: () => stage.map?.zoomToVehicle() } },
+  {
+    order: 212,
+    keys: 'D',
+    description: 'Measure distances and areas on the map',
+    inScene: true,
+    handlers: { d: (facts) => registry.toggle('measure', facts) },
+  },
   { order: 215, keys: 'U', description: 'Map north up', inScene: true, handlers: { u: () => stage.map?.northUp() } },
 ]);
