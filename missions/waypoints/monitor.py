@@ -172,7 +172,7 @@ class WaypointMonitor:
             return self._update_flight(now_s, reading.position_ned_m, item)
         if reading.armed is False:
             landed_by_mission = self.state == "flying" and self._is_at_last_item()
-            place = self.place or "an unknown item"
+            place = "an unknown item" if self.item is None else f"item {self.item + 1}"
             return self._end(
                 "done" if landed_by_mission else "stopped", f"The vehicle was disarmed at {place}."
             )
