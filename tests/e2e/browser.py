@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -307,6 +307,13 @@ def tab_to(page: Page, name: str) -> None:
 
 def serious_violations(page: Page) -> list[str]:
     """Serious and critical accessibility violations that axe-core finds in the page."""
+    return violations(page, ("serious", "critical"))
+
+
+def violations(
+    page: Page, impacts: Sequence[str] = ("minor", "moderate", "serious", "critical")
+) -> list[str]:
+    """Accessibility violations of these impacts that axe-core finds in the page."""
     build_page.install(REPOSITORY)
     source = (REPOSITORY / "web" / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
     page.evaluate(f"{source}; void 0")
@@ -319,5 +326,5 @@ def serious_violations(page: Page) -> list[str]:
         f"{violation['id']}: "
         f"{[(node['html'][:160], node['failureSummary'][-200:]) for node in violation['nodes'][:4]]}"
         for violation in found
-        if violation["impact"] in ("serious", "critical")
+        if violation["impact"] in impacts
     ]

@@ -101,13 +101,15 @@ def views_and_panels(page: Page) -> list[tuple[str, Callable[[], None]]]:
         return lambda: page.keyboard.press(character)
 
     keys = {"messages": "n", "values": "v", "readiness": "y", "parameters": "i", "control": "c", "help": "?"}
-    keys["vehicles"] = "j"
+    keys |= {"vehicles": "j", "guide": "b", "console": "s", "measure": "d", "search": "Control+k"}
+    keys |= {"modes": "Shift+M", "map sources": "Shift+F"}
     inputs = [(f"view: {name}", input_opener(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
     return [
         ("fly", lambda: None),
         *((name, key_presser(character)) for name, character in keys.items()),
         ("flights", open_flights),
         ("map point menu", open_point_menu),
+        ("view: vehicle", key_presser("Shift+V")),
         ("view: plan", key_presser("w")),
         ("view: offboard", open_offboard_view),
         *inputs,

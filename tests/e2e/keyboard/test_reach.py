@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client.errors import Refused
-from tests.e2e.browser import open_page
+from tests.e2e.browser import open_page, violations
 from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.tab_order import check_tab_order, close_all, views_and_panels
 from tests.station import wait_until
@@ -52,6 +52,24 @@ def test_every_control_of_every_view_is_reached_by_tab_and_has_a_name(
                 raise AssertionError(f"in {name}: {error}") from error
             if not name.startswith("view"):
                 close_all(page)
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (1024, 768), (390, 844)])
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_axe_finds_nothing_on_any_screen(
+    browser: Browser, flying_station: Station, size: tuple[int, int], theme: str
+) -> None:
+    found: dict[str, list[str]] = {}
+    with open_page(browser, flying_station.url, scene=False, size=size, theme=theme) as page:
+        expect(page.locator(".pill b")).to_have_text("Holding")
+        for name, open_view in views_and_panels(page):
+            open_view()
+            page.wait_for_timeout(200)
+            if texts := violations(page):
+                found[name] = texts
+            if not name.startswith("view"):
+                close_all(page)
+    assert found == {}
 
 
 def test_screen_readers_do_not_announce_changing_numbers(
