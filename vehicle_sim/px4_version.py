@@ -62,7 +62,7 @@ class Px4Version:
     """Age from which a reply to an arming check is ignored."""
     disarms_to_owned_mode: bool = False
     """Whether disarming selects the mode that the executor in charge owns, instead of the mode before the
-    landing."""
+    landing, and Hold instead of a mode that does not answer."""
     relaxed_global_position: bool = False
     """Whether a mode can require a global position of less accuracy."""
 

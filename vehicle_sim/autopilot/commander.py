@@ -141,11 +141,12 @@ class Commander:
         return True
 
     def _select_mode_of_disarmed(self) -> None:
-        """Selects the mode before the landing; from v1.17 on the mode that the executor in charge owns."""
-        owned = self.external.owned_mode() if self._view.px4.disarms_to_owned_mode else None
-        if owned is not None:
-            self._mode_after_disarming = NavState(owned)
-            self.external.on_mode_change(owned)
+        """Selects the mode before the landing; from v1.17 on the mode that the executor in charge owns, and
+        Hold instead of one that does not answer."""
+        if self._view.px4.disarms_to_owned_mode:
+            selected = self.external.mode_after_disarming(self._mode_after_disarming)
+            self.external.on_mode_change(selected)
+            self._mode_after_disarming = NavState(selected)
         self.intended = self._mode_after_disarming
         self._activate(self.intended)
 

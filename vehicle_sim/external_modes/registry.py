@@ -230,14 +230,22 @@ class ExternalModes:
         """Id of the executor in charge; during a failsafe the autopilot is in charge."""
         return AUTOPILOT if self.failsafe_acts else self._in_charge
 
-    def owned_mode(self) -> int | None:
-        """The mode that the executor in charge owns, or Hold if its component is unresponsive; None: no
-        external executor is in charge."""
+    def mode_after_disarming(self, stored: int) -> int:
+        """The mode that disarming selects from v1.17 on: the one that the executor in charge owns, else the
+        stored one; Hold instead of a mode whose component is unresponsive.
+
+        Args:
+            stored: the mode that earlier versions select.
+        """
         in_charge = self.executor_in_charge
-        for nav_state, mode in self._slots.modes.items():
-            if in_charge != AUTOPILOT and mode.executor == in_charge:
-                return HOLD if self.checks.is_unresponsive(mode.arming_check) else nav_state
-        return None
+        owned = (
+            nav_state
+            for nav_state, mode in self._slots.modes.items()
+            if in_charge != AUTOPILOT and mode.executor == in_charge
+        )
+        selected = next(owned, stored)
+        mode = self.mode(selected)
+        return HOLD if mode is not None and self.checks.is_unresponsive(mode.arming_check) else selected
 
     def on_mode_change(self, nav_state: int) -> None:
         """Called after a change of the intended mode; puts the executor of the new mode in charge.

@@ -11,7 +11,7 @@ from vehicle_sim.external_modes.registry import ExternalModes, Registration, Reg
 from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS
 from vehicle_sim.external_modes.slots import Controllers, Overrides, name_hash
 
-RTL, HOLD = 5, 4  # external modes have the numbers 23 to 30
+RTL, HOLD, POSITION = 5, 4, 2  # external modes have the numbers 23 to 30
 CYCLE_US = 12_000
 FAILED = RegistrationReply()
 
@@ -296,13 +296,18 @@ def test_registrations_and_published_changes_are_counted():
     assert received_seqs == [1, 2]
 
 
-def test_the_executor_in_charge_owns_its_mode_while_the_mode_answers():
+def test_disarming_selects_the_mode_of_the_executor_in_charge_and_hold_for_one_that_does_not_answer():
     registry = Registry()
-    mode = registry.register_mode("Mine", executor=True).mode
-    assert registry.owned_mode() is None
+    mode, without_executor = (
+        registry.register_mode("Mine", executor=True).mode,
+        registry.register_mode("A").mode,
+    )
+    assert registry.mode_after_disarming(POSITION) == POSITION
+    assert registry.mode_after_disarming(without_executor) == without_executor
     registry.on_mode_change(mode)
-    assert registry.owned_mode() == mode
+    assert registry.mode_after_disarming(POSITION) == mode
     registry.run(5.0)
-    assert registry.owned_mode() == HOLD
+    assert registry.mode_after_disarming(POSITION) == HOLD
     registry.failsafe_acts = True
-    assert registry.owned_mode() is None
+    assert registry.mode_after_disarming(POSITION) == POSITION
+    assert registry.mode_after_disarming(without_executor) == HOLD
