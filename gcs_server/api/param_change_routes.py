@@ -20,6 +20,7 @@ from gcs_server.api.strict_body import ResponseBody, StrictBody, example
 from gcs_server.control.commands import API
 from gcs_server.errors import Refused
 from gcs_server.operations.operations import ReportProgress
+from gcs_server.vehicle import param_file
 from gcs_server.vehicle.param_review import ReviewRow, WantedParam
 from gcs_server.vehicle.services.param_changes import ParamChange, ParamChanges, WrittenParam, WrittenParams
 from gcs_server.vehicle.services.restart import RestartService
@@ -27,6 +28,8 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 router = Routes(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
 
+MAX_FILE_CHARACTERS = 900_000
+"""PX4's largest has 30,000."""
 MAX_CHANGES = 2_000
 """Maximum number of changes in one request; PX4 has about 900 parameters."""
 ParamName = Annotated[str, Field(max_length=16, pattern=r"^[A-Za-z0-9_]+$")]
@@ -39,18 +42,21 @@ class WantedValue(StrictBody):
     """A value that a parameter should have."""
 
     name: ParamName
+    """Up to 16 of A–Z, 0–9, _."""
     value: float
     """In the parameter's own unit."""
 
 
 class ReviewRequest(StrictBody):
-    """What to compare with the vehicle's parameters; exactly one of `changes`, `defaults`, `of_vehicle`,
-    `undo`."""
+    """What to compare with the vehicle's parameters; exactly one of `changes`, `file`, `defaults`,
+    `of_vehicle`, `undo`."""
 
     model_config = example(changes=[{"name": "MNT_MODE_IN", "value": 4}])
 
     changes: list[WantedValue] | None = Field(default=None, max_length=MAX_CHANGES)
     """Single values."""
+    file: str | None = Field(default=None, max_length=MAX_FILE_CHARACTERS)
+    """Content of a file of QGroundControl (`.params`)."""
     defaults: bool = False
     """The defaults in the vehicle's metadata, of all parameters that differ and that the vehicle does not
     change by itself."""
@@ -63,9 +69,15 @@ class ReviewRequest(StrictBody):
 
     @model_validator(mode="after")
     def _check_one_source(self) -> Self:
-        given = (self.changes is not None, self.defaults, self.of_vehicle is not None, self.undo)
+        given = (
+            self.changes is not None,
+            self.file is not None,
+            self.defaults,
+            self.of_vehicle is not None,
+            self.undo,
+        )
         if sum(given) != 1:
-            raise ValueError("give exactly one of changes, defaults, of_vehicle, undo")
+            raise ValueError("give exactly one of changes, file, defaults, of_vehicle, undo")
         return self
 
 
@@ -76,12 +88,15 @@ class ReviewView(ResponseBody):
     """The vehicle's id."""
     rows: tuple[ReviewRowModel, ...]  # type: ignore[valid-type]
     """One row for each wanted value, in their order."""
+    notes: tuple[str, ...]
+    """What to know before applying it, such as a file of another vehicle or version."""
 
 
 class ReviewedChange(StrictBody):
     """One change, as the review showed it."""
 
     name: ParamName
+    """Up to 16 of A–Z, 0–9, _."""
     old: float | None
     """The vehicle's value in the review; refused if it has another one now."""
     value: float
@@ -161,8 +176,31 @@ def _require_read(vehicle: Vehicle) -> None:
 async def review(vehicle: VehicleDep, body: ReviewRequest, station: StationDep) -> Response:
     """Compares values with the vehicle's parameters and names what would change and what is refused, and why.
     Writes nothing; up to 80 parameters that were not read before are read."""
-    rows = await vehicle.service(ParamChanges).review(_wanted(vehicle, body, station), force=body.force)
-    return json_response({"vehicle": vehicle.id, "rows": rows})
+    notes: tuple[str, ...] = ()
+    if body.file is not None:
+        identity = vehicle.identity
+        file = param_file.read(body.file, identity.component_id)
+        wanted, notes = list(file.rows), param_file.notes(file, identity.system_id, identity.firmware)
+    else:
+        wanted = _wanted(vehicle, body, station)
+    rows = await vehicle.service(ParamChanges).review(wanted, force=body.force)
+    return json_response({"vehicle": vehicle.id, "rows": rows, "notes": notes})
+
+
+@router.get(
+    "/{v}/param_file",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {}}, "description": "The file."}},
+)
+async def show_file(vehicle: VehicleDep) -> Response:
+    """The parameters that the server has read, as a file of QGroundControl (`.params`)."""
+    _require_read(vehicle)
+    identity = vehicle.identity
+    text = param_file.write(
+        vehicle.params.all(), identity.system_id, identity.component_id, identity.firmware
+    )
+    headers = {"Content-Disposition": f'attachment; filename="vehicle-{identity.system_id}.params"'}
+    return Response(text, media_type="text/plain; charset=utf-8", headers=headers)
 
 
 @router.post(

@@ -22,6 +22,7 @@ from gcs_server.operations.operations import ReportProgress
 from gcs_server.telemetry.wire import encode
 from gcs_server.vehicle.param_metadata import Choice, ParamMetadata, is_default
 from gcs_server.vehicle.param_table import Param
+from gcs_server.vehicle.services.param_changes import ParamChanges
 from gcs_server.vehicle.services.params import ParamList
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -181,5 +182,7 @@ async def set_param(
         arguments["force"] = True
     with authorized_command(station, principal, "param", v, arguments):
         vehicle = station.fleet.get(v)
+        before = vehicle.params.known(name)
         param = await vehicle.params.set(name, body.value, force=body.force)
+        vehicle.service(ParamChanges).note(before, param)
         return json_response(param_view(vehicle, param))

@@ -6,16 +6,22 @@ Single parameters are `vehicle.param(name)` and `vehicle.set_param(name, value)`
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from gcs_server.client.control import VehicleApi
 from gcs_server.client.setpoints import Body
 
 
+class FileApi(VehicleApi, Protocol):
+    """The part of a vehicle that this module uses."""
+
+    async def raw(self, method: str, path: str) -> bytes: ...
+
+
 class Params:
     """The parameters of one vehicle."""
 
-    def __init__(self, vehicle: VehicleApi) -> None:
+    def __init__(self, vehicle: FileApi) -> None:
         self._vehicle = vehicle
 
     async def read(self) -> dict[str, Any]:
@@ -32,6 +38,7 @@ class Params:
         self,
         values: Mapping[str, float] | None = None,
         *,
+        file: str | None = None,
         defaults: bool = False,
         of_vehicle: str | None = None,
         undo: bool = False,
@@ -41,15 +48,23 @@ class Params:
 
         Args:
             values: wanted values by name.
+            file: instead, the content of a file of QGroundControl (`.params`).
             defaults: instead, the defaults in the vehicle's metadata.
             of_vehicle: instead, the parameters of another vehicle.
             undo: instead, the values before the newest change.
             force: accepts values outside the documented range and choices.
 
         Returns:
-            One row for each: `name`, `old`, `new`, `unit`, `state` (change, same, refused), `problem`.
+            One row for each: `name`, `old`, `new`, `unit`, `state` (change, same, refused), `problem`, and
+            `line` of the file.
         """
-        options: Body = {"defaults": defaults, "of_vehicle": of_vehicle, "undo": undo, "force": force}
+        options: Body = {
+            "file": file,
+            "defaults": defaults,
+            "of_vehicle": of_vehicle,
+            "undo": undo,
+            "force": force,
+        }
         body: Body = {name: value for name, value in options.items() if value not in (None, False)}
         if values is not None:
             body = {**body, "changes": [{"name": name, "value": value} for name, value in values.items()]}
@@ -87,6 +102,10 @@ class Params:
             return await self.changes()
         body: Body = {"changes": changes, "undo": undo, "while_armed": while_armed, "force": force}
         return await self._vehicle.request("POST", "/param_changes/apply", body)
+
+    async def file(self) -> str:
+        """The parameters that the server has read, as a file of QGroundControl (`.params`)."""
+        return (await self._vehicle.raw("GET", "/param_file")).decode()
 
     async def changes(self) -> dict[str, Any]:
         """What became of the newest change, what waits for a restart, and how much can be undone."""

@@ -110,6 +110,7 @@ class GcsApi(Protocol):
     """The part of `Gcs` that a vehicle uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
+    async def raw(self, method: str, path: str) -> bytes: ...
     async def socket(self, path: str) -> ClientConnection: ...
     def operations(self) -> Operations: ...
 
@@ -130,6 +131,10 @@ class Vehicle:
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any:
         """Sends one request below `/api/v1/vehicles/{id}`; raises the same errors as `Gcs.request`."""
         return await self._gcs.request(method, f"/vehicles/{self.id}{path}", body)
+
+    async def raw(self, method: str, path: str) -> bytes:
+        """Sends one request below `/api/v1/vehicles/{id}` whose response is a file."""
+        return await self._gcs.raw(method, f"/vehicles/{self.id}{path}")
 
     async def show(self) -> dict[str, Any]:
         """Identity, status and the newest sample of every topic."""

@@ -335,6 +335,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/params",
         "GET /vehicles/{v}/params/{name}",
         "GET /vehicles/{v}/param_changes",
+        "GET /vehicles/{v}/param_file",
         "GET /vehicles/{v}/gimbal/setup",
         "GET /groups",
         "GET /groups/{g}",

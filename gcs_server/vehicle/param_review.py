@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,11 @@ from gcs_server.vehicle.param_metadata import ParamMetadata
 from gcs_server.vehicle.param_table import Param
 
 MAX_FLOAT32 = struct.unpack("<f", b"\xff\xff\x7f\x7f")[0]
+
+INDIVIDUAL = re.compile(
+    r"MAV_(SYS|COMP)_ID|UXRCE_DDS_(KEY|NS_IDX)|(CAL|TC)_\w+|SENS_BOARD_[XYZ]_OFF|COM_FLIGHT_UUID"
+)
+"""Names of parameters that belong to one vehicle: two vehicles with one number cannot both be commanded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +58,8 @@ class ReviewRow:
     """Whether the change takes effect only after a restart."""
     volatile: bool
     """Whether the vehicle changes the parameter by itself, as a statistic or a calibration."""
+    individual: bool
+    """Whether it belongs to one vehicle, as its number or calibration, and is seldom meant for another."""
     problem: str | None
     """Why it is refused."""
 
@@ -85,6 +93,7 @@ def review_row(
         title=None if metadata is None else metadata.title,
         reboot_required=metadata is not None and metadata.reboot_required,
         volatile=metadata is not None and metadata.volatile,
+        individual=INDIVIDUAL.fullmatch(wanted.name) is not None,
         problem=problem,
     )
 

@@ -1,7 +1,8 @@
 """Component metadata that PX4 serves by FTP: the parameter, events and actuators documents.
 
 Names, groups, types, defaults, ranges, units and labels of parameters are PX4's
-(`data/parameter_facts.json`), without descriptions. The message texts of events are the simulator's
+(`data/parameter_facts.json`); the descriptions of the most used ones are the simulator's own words
+(`data/parameter_titles.json`). The message texts of events are the simulator's
 (`event_definitions.py`).
 Formats: MAVLink's component metadata schemas (general, parameter, events, actuators).
 """
@@ -21,6 +22,7 @@ from vehicle_sim.storage.event_definitions import events_document
 from vehicle_sim.storage.outputs import actuators_document
 
 FACTS_FILE = DATA_FOLDER / "parameter_facts.json"
+TITLES_FILE = DATA_FOLDER / "parameter_titles.json"
 FOLDER = "etc/extras"
 GENERAL = f"{FOLDER}/component_general.json.xz"
 PARAMETERS = f"{FOLDER}/parameters.json.xz"
@@ -45,9 +47,12 @@ def _parameters_document(px4: Px4Version) -> dict[str, Any]:
     """The content of the parameter document: one entry for each parameter that the vehicle uses."""
     facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
     facts |= px4.differences.get("facts", {})
+    titles: dict[str, str] = json.loads(TITLES_FILE.read_text(encoding="utf-8"))
     entries: list[dict[str, Any]] = []
     for parameter in load_boot_parameters(px4):
         entry = {"category": "Standard", **facts[parameter.name], "name": parameter.name}
+        if parameter.name in titles:
+            entry["shortDesc"] = titles[parameter.name]
         entry["type"] = "Int32" if parameter.type == "INT32" else "Float"
         if "values" in entry:
             entry["values"] = [{"value": value, "description": label} for value, label in entry["values"]]

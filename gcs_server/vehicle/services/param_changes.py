@@ -6,6 +6,7 @@ whether a value was taken; nothing is written while the vehicle is armed, unless
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, Protocol
@@ -114,6 +115,15 @@ class ParamChanges:
         if boot_s is not None:
             self._waiting = {name: set_s for name, set_s in self._waiting.items() if set_s <= boot_s}
         return tuple(sorted(self._waiting))
+
+    def note(self, before: Param | None, now: Param) -> None:
+        """Notes a parameter that was set singly, so that it is undone and waits for a restart like others."""
+        if before is None or before.value == now.value or not math.isfinite(before.value):
+            return
+        self._undo = [*self._undo, (WantedParam(now.name, before.value),)][-MAX_UNDO:]
+        metadata = self._vehicle.params.metadata_of(now.name)
+        if metadata is not None and metadata.reboot_required:
+            self._waiting[now.name] = self._time_since_boot_s() or 0.0
 
     def took_effect(self, prefix: str) -> None:
         """Called when the part of the vehicle was restarted that reads the parameters with this prefix."""

@@ -129,6 +129,16 @@ def test_the_parameter_metadata_match_the_metadata_of_the_build(px4, folder, ref
         ]
 
 
+def test_a_hundred_parameters_are_described_in_the_simulators_own_words(reference_data):
+    entries = read_metadata(metadata.PARAMETERS)["parameters"]
+    titles = {entry["name"]: entry["shortDesc"] for entry in entries if "shortDesc" in entry}
+    assert len(titles) >= 100
+    path = reference_data / "px4" / "v1.17" / "parameters.json.xz"
+    for entry in json.loads(lzma.decompress(path.read_bytes()))["parameters"]:
+        words = {entry.get("shortDesc"), *entry.get("longDesc", "").split("\n")}
+        assert titles.get(entry["name"]) not in words
+
+
 def test_every_event_that_the_vehicle_sends_is_defined_with_its_name():
     component = read_metadata(metadata.EVENTS)["components"]["1"]
     names = {

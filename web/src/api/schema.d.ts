@@ -1888,6 +1888,26 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/param_file": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show File
+         * @description The parameters that the server has read, as a file of QGroundControl (`.params`).
+         */
+        readonly get: operations["show_file_api_v1_vehicles__v__param_file_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/param_changes/apply": {
         readonly parameters: {
             readonly query?: never;
@@ -12767,8 +12787,8 @@ export interface components {
         };
         /**
          * ReviewRequest
-         * @description What to compare with the vehicle's parameters; exactly one of `changes`, `defaults`, `of_vehicle`,
-         *     `undo`.
+         * @description What to compare with the vehicle's parameters; exactly one of `changes`, `file`, `defaults`,
+         *     `of_vehicle`, `undo`.
          * @example {
          *       "changes": [
          *         {
@@ -12784,6 +12804,11 @@ export interface components {
              * @description Single values.
              */
             readonly changes?: readonly components["schemas"]["WantedValue"][] | null;
+            /**
+             * File
+             * @description Content of a file of QGroundControl (`.params`).
+             */
+            readonly file?: string | null;
             /**
              * Defaults
              * @description The defaults in the vehicle's metadata, of all parameters that differ and that the vehicle does not
@@ -12868,6 +12893,11 @@ export interface components {
              */
             readonly volatile: boolean;
             /**
+             * Individual
+             * @description Whether it belongs to one vehicle, as its number or calibration, and is seldom meant for another.
+             */
+            readonly individual: boolean;
+            /**
              * Problem
              * @description Why it is refused.
              */
@@ -12888,13 +12918,21 @@ export interface components {
              * @description One row for each wanted value, in their order.
              */
             readonly rows: readonly components["schemas"]["ReviewRow"][];
+            /**
+             * Notes
+             * @description What to know before applying it, such as a file of another vehicle or version.
+             */
+            readonly notes: readonly string[];
         };
         /**
          * ReviewedChange
          * @description One change, as the review showed it.
          */
         readonly ReviewedChange: {
-            /** Name */
+            /**
+             * Name
+             * @description Up to 16 of A–Z, 0–9, _.
+             */
             readonly name: string;
             /**
              * Old
@@ -15393,7 +15431,10 @@ export interface components {
          * @description A value that a parameter should have.
          */
         readonly WantedValue: {
-            /** Name */
+            /**
+             * Name
+             * @description Up to 16 of A–Z, 0–9, _.
+             */
             readonly name: string;
             /**
              * Value
@@ -21890,6 +21931,65 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["ReviewView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_file_api_v1_vehicles__v__param_file_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description The file. */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "text/plain": unknown;
                 };
             };
             readonly 400: components["responses"]["Refused400"];

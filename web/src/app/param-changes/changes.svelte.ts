@@ -25,6 +25,8 @@ interface Review {
   /** What it compares with, as a text. */
   readonly title: string;
   readonly rows: readonly ReviewRow[];
+  /** What to know before writing, such as a file of another vehicle. */
+  readonly notes: readonly string[];
   readonly undo: boolean;
   readonly fixed: FixedVehicles;
 }
@@ -69,6 +71,7 @@ export class ParamChanges {
   private lastResult = $state.raw<Result | null>(null);
   /** Progress of a writing, by vehicle. */
   private progress = $state.raw<Readonly<Record<string, string>>>({});
+  private reading = $state.raw<{ readonly vehicle: string; readonly other: string } | null>(null);
   private restarted = $state.raw<Readonly<Record<string, boolean>>>({});
 
   constructor(
@@ -117,16 +120,32 @@ export class ParamChanges {
     this.openReview = this.lastProblem = this.lastResult = null;
     const outcome = await this.gate.run({ name: REVIEW, vehicles: [id] }, async (fixed) => {
       const answer = await this.api.post('/vehicles/{v}/param_changes/review', { ...ofVehicle(id), body: { force: false, ...source } });
-      return answer.ok ? ({ ok: true, value: { rows: answer.value.rows, fixed } } as const) : answer;
+      return answer.ok ? ({ ok: true, value: { ...answer.value, fixed } } as const) : answer;
     });
     if (!outcome.ok) {
       this.fail(id, outcome.problem);
       return false;
     }
-    const { rows, fixed } = outcome.value;
-    this.openReview = { vehicle: id, name, title, rows: sortedRows(rows), undo: source.undo === true, fixed };
-    this.chosen = new Set(rows.filter((row) => isChange(row) && !row.volatile).map((row) => row.name));
+    const { rows, notes, fixed } = outcome.value;
+    this.openReview = { vehicle: id, name, title, notes, rows: sortedRows(rows), undo: source.undo === true, fixed };
+    // Of whole sets of parameters, those are not chosen that another vehicle should hardly take over.
+    const isEachMeant = source.changes != null || source.undo === true;
+    this.chosen = new Set(rows.filter((row) => isChange(row) && (isEachMeant || !(row.volatile || row.individual))).map((row) => row.name));
     return true;
+  }
+
+  /** The other vehicle whose parameters are read for a comparison; null: none. */
+  readingFor(vehicle: string): string | null {
+    return this.reading?.vehicle === vehicle ? this.reading.other : null;
+  }
+
+  /** Compares with another vehicle, whose parameters the server reads first. */
+  async compareWith(facts: { readonly id: string; readonly name: string }, other: string, otherName: string): Promise<void> {
+    this.reading = { vehicle: facts.id, other };
+    await this.api.post('/vehicles/{v}/params/refresh', { ...ofVehicle(other), body: { ignore_cache: false, wait: true } });
+    if (this.reading?.vehicle !== facts.id || this.reading.other !== other) return;
+    this.reading = null;
+    await this.review(facts, `Parameters of ${otherName}`, { of_vehicle: other });
   }
 
   /** The chosen changes of the open review. */
@@ -211,6 +230,11 @@ export class ParamChanges {
     );
     if (outcome.ok) this.restarted = { ...this.restarted, [vehicle]: true };
     else this.fail(vehicle, outcome.problem);
+  }
+
+  /** Shows why something else failed about the parameters of a vehicle. */
+  show(vehicle: string, problem: Problem): void {
+    this.fail(vehicle, problem);
   }
 
   private fail(vehicle: string, problem: Problem): void {

@@ -12,9 +12,10 @@ export interface Filter {
   /** Empty: all groups. */
   group: string;
   nonDefaultOnly: boolean;
+  favouritesOnly: boolean;
 }
 
-export const NO_FILTER: Filter = { text: '', group: '', nonDefaultOnly: false };
+export const NO_FILTER: Filter = { text: '', group: '', nonDefaultOnly: false, favouritesOnly: false };
 /** Maximum number of rows that the panel shows, to keep the page fast. */
 export const MAX_ROWS = 120;
 
@@ -24,7 +25,7 @@ export function groupsOf(params: readonly Parameter[]): string[] {
 }
 
 /** The parameters whose name or description contains all typed words. Names that begin with the first word come first. */
-export function matchingParameters(params: readonly Parameter[], filter: Filter): Parameter[] {
+export function matchingParameters(params: readonly Parameter[], filter: Filter, favourites: ReadonlySet<string> = new Set()): Parameter[] {
   const words = filter.text
     .toLowerCase()
     .split(/\s+/)
@@ -32,6 +33,7 @@ export function matchingParameters(params: readonly Parameter[], filter: Filter)
   const matchingParams = params.filter((p) => {
     if (filter.group !== '' && p.facts?.group !== filter.group) return false;
     if (filter.nonDefaultOnly && p.is_default !== false) return false;
+    if (filter.favouritesOnly && !favourites.has(p.name)) return false;
     const text = `${p.name} ${p.facts?.title ?? ''}`.toLowerCase();
     return words.every((w) => text.includes(w));
   });
