@@ -35,6 +35,9 @@ def test_an_orbit_from_the_map_is_drawn_flown_and_ended(browser: Browser, statio
         page.mouse.click(760, 300)
         page.get_by_role("dialog").get_by_role("button", name="Orbit here…").click()
         panel = page.get_by_label("Guide", exact=True)
+        expect(panel).to_contain_text(
+            re.compile(r"Centre\s*47\.\d{6}, 8\.\d{6}")
+        )  # not the vehicle's position
         panel.get_by_label("Radius", exact=True).fill("4")
         expect(panel).to_contain_text("At 4 m the vehicle flies at most 2.8 m/s")
         expect(panel.get_by_role("button", name="Orbit…")).to_have_attribute("aria-disabled", "true")
@@ -66,6 +69,25 @@ def test_altitude_by_key_and_a_refused_home(browser: Browser, station: Station) 
         drone.rtl()
         panel.get_by_role("radio", name="Home", exact=True).click()
         expect(panel).to_contain_text("refers to the present home: Hold first")
+
+
+def test_the_nose_is_turned_to_a_place_on_the_map(browser: Browser, station: Station) -> None:
+    drone = station.drone
+    take_off_to_hold(drone)
+    with open_page(browser, station.url, size=(1280, 800), scene=False) as page:
+        page.get_by_role("toolbar", name="Map").wait_for()
+        page.mouse.click(760, 300)
+        page.get_by_role("dialog").get_by_role("button", name="Turn nose here…").click()
+        panel = page.get_by_label("Guide", exact=True)
+        expect(panel).to_contain_text("once: it does not follow it")
+        asked_deg = float(panel.get_by_label("Heading", exact=True).input_value())
+        assert serious_violations(page) == []
+        panel.get_by_role("button", name="Turn…").click()
+        confirm_by_slider(page)
+        expect(panel).to_contain_text("Turned to", timeout=30_000)
+        position = drone.topic("global_position")
+        assert position is not None
+        assert abs(math.remainder(position["heading_deg"] - asked_deg, 360.0)) < 12
 
 
 def test_home_is_set_on_a_phone_and_the_mode_menu_holds(browser: Browser, station: Station) -> None:

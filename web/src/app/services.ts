@@ -22,7 +22,7 @@ export interface Services {
   };
   guided: {
     /** Opens the form of a guided command at a position on the map. */
-    open: (kind: 'go' | 'orbit' | 'home', facts: VehicleFacts, place: GeoPosition & { readonly ground_amsl_m: number | null }) => void;
+    open: (kind: 'go' | 'orbit' | 'home' | 'heading', facts: VehicleFacts, place: GeoPosition & { readonly ground_amsl_m: number | null }) => void;
   };
   gimbal: {
     /** The vehicle's facts, with the gimbal that is selected on the gimbal card. The other functions need these facts. */

@@ -9,6 +9,7 @@ import type { GeoPosition } from '../../vehicle/geo';
 import {
   confirmationTexts,
   FIELDS,
+  headingTo,
   KIND_NAMES,
   NO_LIMITS,
   numberOf,
@@ -63,7 +64,8 @@ export class GuidedCommands {
     const texts = {
       ...EMPTY.texts,
       alt_home_m: String(alt_m),
-      yaw_ned_deg: kind === 'go' || heading_deg === null ? '' : String(Math.round(heading_deg)),
+      yaw_ned_deg:
+        kind === 'heading' && place !== null ? headingTo(place, facts) : kind === 'go' || heading_deg === null ? '' : String(Math.round(heading_deg)),
       speed_m_s: kind === 'orbit' ? DEFAULT_ORBIT_SPEED : '',
     };
     this.draft = { ...this.draft, kind, place, texts };
@@ -86,7 +88,8 @@ export class GuidedCommands {
   }
 
   enter(field: Field, text: string): void {
-    this.draft = { ...this.draft, texts: { ...this.draft.texts, [field]: text } };
+    const place = this.draft.kind === 'heading' ? null : this.draft.place; // an entered heading is no longer that of a place
+    this.draft = { ...this.draft, place, texts: { ...this.draft.texts, [field]: text } };
   }
 
   change(changes: Partial<Pick<Draft, 'clockwise' | 'nose'>>): void {
@@ -97,13 +100,13 @@ export class GuidedCommands {
   readonly editor: LayerEditor = {
     pick: () => undefined,
     grab: (id) => {
-      this.dragged = this.draft.place;
+      this.dragged = this.draft;
       return id;
     },
     drag: (_, at) => this.moveTo(at),
     raise: () => undefined,
     drop: (keep) => {
-      if (!keep) this.draft = { ...this.draft, place: this.dragged };
+      if (!keep) this.draft = this.dragged;
     },
     press: (at) => {
       this.moveTo(at);
@@ -111,11 +114,14 @@ export class GuidedCommands {
     },
     remove: () => false,
   };
-  /** The position before a drag. */
-  private dragged: Place | null = null;
+  /** The draft before a drag. */
+  private dragged: Draft = EMPTY;
 
   private moveTo({ lat_deg, lon_deg }: GeoPosition): void {
-    this.draft = { ...this.draft, place: { lat_deg, lon_deg, ground_amsl_m: null } };
+    const place = { lat_deg, lon_deg, ground_amsl_m: null };
+    const facts = this.vehicle === null ? null : this.factsNow(this.vehicle);
+    const texts = this.draft.kind === 'heading' && facts !== null ? { ...this.draft.texts, yaw_ned_deg: headingTo(place, facts) } : this.draft.texts;
+    this.draft = { ...this.draft, place, texts };
   }
 
   /** What the map shows of the draft; null: nothing. */
@@ -125,7 +131,7 @@ export class GuidedCommands {
 
   /** Whether the command has a position, which a click on the map sets. */
   get usesPlace(): boolean {
-    return this.draft.kind === 'go' || this.draft.kind === 'orbit' || this.draft.kind === 'home';
+    return this.draft.kind === 'go' || this.draft.kind === 'orbit' || this.draft.kind === 'home' || this.draft.kind === 'heading';
   }
 
   /** Opens the confirmation of the draft, which says the effect with numbers. */

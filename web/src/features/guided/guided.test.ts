@@ -201,6 +201,23 @@ describe('the form', () => {
     await confirm();
     expect(requests.at(-1)?.body).toMatchObject({ despite: ['fence_violation'], radius_m: 20 });
   });
+  it('turns the nose to a place: the heading follows clicks and drags, not the place after the command', () => {
+    guided.open('heading', factsOf(), NORTH);
+    expect(guided.draft.texts.yaw_ned_deg).toBe('0');
+    expect(guided.editor.press({ lat_deg: 47.4, lon_deg: 8.501 })).toBe(true);
+    expect(guided.draft.texts.yaw_ned_deg).toBe('90');
+    expect(effectText(guided.draft, factsOf(), LIMITS)).toMatch(/Turns 90° to the right to 090°.*once: it does not follow it/);
+    expect(guided.preview(factsOf())?.points).toMatchObject([{ lon_deg: 8.501 }]);
+    guided.editor.grab('target');
+    guided.editor.drag('target', { lat_deg: 47.399, lon_deg: 8.5 });
+    expect(guided.draft.texts.yaw_ned_deg).toBe('180');
+    guided.editor.drop(false);
+    expect(guided.draft.texts.yaw_ned_deg).toBe('90');
+    guided.editor.press(HERE);
+    expect(whyNot(guided.draft, factsOf(), LIMITS)).toBe('Heading: enter a number.'); // no direction where the vehicle is
+    guided.enter('yaw_ned_deg', '45');
+    expect(guided.draft.place).toBeNull();
+  });
   it('opens no confirmation for a value that cannot be sent', () => {
     guided.open('altitude', factsOf());
     guided.enter('alt_home_m', 'high');

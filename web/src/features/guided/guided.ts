@@ -7,7 +7,7 @@ import { fixed, heading, metres, UNKNOWN, wrap180 } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { bearing_rad, groundDistance_m, positionAt, type GeoPosition } from '../../vehicle/geo';
 
-/** `go` needs a position from the map; `orbit` and `home` use the vehicle's position without one. */
+/** `go` needs a position from the map; `orbit` and `home` use the vehicle's position without one, `heading` the entered number. */
 export type Kind = 'go' | 'altitude' | 'heading' | 'speed' | 'orbit' | 'home';
 export type Field = 'alt_home_m' | 'yaw_ned_deg' | 'speed_m_s' | 'radius_m';
 export type Nose = 'vehicle' | 'center' | 'initial' | 'tangent' | 'uncontrolled';
@@ -135,6 +135,16 @@ export function placeOf(draft: Draft, facts: VehicleFacts): GeoPosition | null {
   return draft.place ?? facts.globalPosition?.value ?? null;
 }
 
+/** Nearer than this, a place has no direction [m]. */
+const MIN_AWAY_M = 1;
+
+/** The heading in which a place is from the vehicle, as a field's text; empty: the vehicle is there, or its position is not known. */
+export function headingTo(place: GeoPosition, facts: VehicleFacts): string {
+  const position = facts.globalPosition?.value;
+  if (position === undefined || groundDistance_m(position, place) < MIN_AWAY_M) return '';
+  return String(Number(heading((bearing_rad(position, place) * 180) / Math.PI)));
+}
+
 /** Why the command cannot be given now; null: it can. */
 export function whyNot(draft: Draft, facts: VehicleFacts, limits: Limits): string | null {
   if (facts.replayed) return 'A replayed vehicle accepts no commands.';
@@ -217,7 +227,8 @@ export function effectText(draft: Draft, facts: VehicleFacts, limits: Limits): s
       const turn_deg = wrap180(number(draft, 'yaw_ned_deg') - (position.heading_deg ?? NaN));
       const turn = Number.isFinite(turn_deg) ? ` ${Math.round(Math.abs(turn_deg))}° to the ${turn_deg < 0 ? 'left' : 'right'}` : '';
       const rate = limits.turn_deg_s === null ? '' : `, at up to ${fixedShort(limits.turn_deg_s)} °/s (${PARAMETERS.turn_deg_s})`;
-      return `Turns${turn} to ${heading(number(draft, 'yaw_ned_deg'))}°${rate}.${leaves}${stream}`;
+      const once = draft.place === null ? '' : ' The nose points to this place once: it does not follow it.';
+      return `Turns${turn} to ${heading(number(draft, 'yaw_ned_deg'))}°${rate}.${once}${leaves}${stream}`;
     }
     case 'speed':
       return `Flies to positions and the mission at ${fixedShort(number(draft, 'speed_m_s'))} m/s until the next change of mode${limits.cruise_m_s === null ? '' : `; its default is ${fixedShort(limits.cruise_m_s)} m/s`}.`;
@@ -292,7 +303,7 @@ function commandPreview(draft: Draft, facts: VehicleFacts): LayerContent | null 
       if (!Number.isFinite(yaw_rad)) return null;
       const end = positionAt(position, { east_m: HEADING_LINE_M * Math.sin(yaw_rad), north_m: HEADING_LINE_M * Math.cos(yaw_rad) });
       return {
-        points: [],
+        points: draft.place === null ? [] : [point('cross')],
         lines: [{ positions: [vehicle, { ...end, alt_amsl_m: position.alt_amsl_m }], tone: 'target', style: 'dashed' }],
         areas: [],
         ...ground,
