@@ -22,6 +22,7 @@ from gcs_server.errors import Refused
 from gcs_server.maps.regions import USUAL_TILE_BYTES, Region, region_path, save
 from gcs_server.maps.sources import MapSource
 from gcs_server.maps.tiles import content_type
+from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.operations.operations import ReportProgress
 
 router = Routes(tags=["station"], responses=RESPONSES)
@@ -136,6 +137,7 @@ async def choose_map_source(body: ChosenSource, station: StationDep, principal: 
     """Chooses the source that the map shows in all browsers, or none."""
     with authorized_command(station, principal, "maps/choose", None, {"source": body.source}):
         station.map_sources.choose(body.source)
+        _announce(station, f"{principal.name} chose another map.")
     return await list_map_sources(station)
 
 
@@ -156,6 +158,7 @@ async def remove_map_source(s: str, station: StationDep, principal: PrincipalDep
         source = station.map_sources.get(s)
         station.map_sources.remove(s)
         await station.map_tiles.forget(source)
+        _announce(station, f"{principal.name} removed the map source {source.name}.")
     return Response(status_code=204)
 
 
@@ -213,6 +216,7 @@ async def save_region(body: RegionRequest, station: StationDep, principal: Princ
 
         async def work(report: ReportProgress) -> dict[str, object]:
             count = await save(station.map_tiles, source, region, path, report)
+            _announce(station, f"The map {path.name} was saved.")
             return {"file": path.name, "tiles": count}
 
         operation = station.operations.start(
@@ -223,6 +227,12 @@ async def save_region(body: RegionRequest, station: StationDep, principal: Princ
             by=(principal.name, principal.key),
         )
     return json_response(operation_view(operation), 202)
+
+
+def _announce(station: Station, text: str) -> None:
+    """Tells all clients that the map shows something else."""
+    now_s = station.clock.unix_s()
+    station.fleet.events.add("maps_changed", now_s, text, severity=MAV_SEVERITY_DEBUG, stored=False)
 
 
 async def _view(station: Station, source: MapSource) -> dict[str, object]:

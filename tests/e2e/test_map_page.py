@@ -223,7 +223,11 @@ def test_a_source_is_chosen_and_saved_by_clicks(browser: Browser, station: Stati
     """The page itself asks nobody but the server: `open_page` checks it."""
     source = TileServer(png((0, 0, 255)))
     try:
-        with open_page(browser, station.url, theme="light", scene=False) as page:
+        with (
+            open_page(browser, station.url, theme="light", scene=False) as page,
+            open_page(browser, station.url, theme="light", scene=False) as other_browser,
+        ):
+            open_large_map(other_browser)
             open_large_map(page)
             page.get_by_role("button", name="Choose map").click()
             panel = page.get_by_role("region", name="Map source")
@@ -239,6 +243,9 @@ def test_a_source_is_chosen_and_saved_by_clicks(browser: Browser, station: Stati
             panel.get_by_role("button", name="Add and show").click()
             expect(panel).to_contain_text("and so tells it which area is viewed")
             wait_until(lambda: mean_colour(page)[2] - mean_colour(page)[0] > 60, "the tiles of the source")
+            wait_until(
+                lambda: mean_colour(other_browser)[2] - mean_colour(other_browser)[0] > 60, "the same there"
+            )
             panel.get_by_label("Name").fill("Our field")
             panel.get_by_role("button", name="How large?").click()
             expect(panel).to_contain_text("tiles, about")

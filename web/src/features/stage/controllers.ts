@@ -4,9 +4,8 @@ import { page } from '../../app/page.svelte';
 import { actions, nowS } from '../../app/vehicle-actions.svelte';
 import { MapPointMenu } from './map-point.svelte';
 import { MapSources } from './map-sources.svelte';
-import { maps } from './maps.svelte';
 import { Measurement } from './measure.svelte';
 
 export const mapPointMenu = new MapPointMenu(page.api, actions, nowS);
-export const mapSources = new MapSources(page.api, () => void maps.reload(page.api));
+export const mapSources = new MapSources(page.api);
 export const measurement = new Measurement();

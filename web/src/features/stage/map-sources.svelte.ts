@@ -20,13 +20,8 @@ export class MapSources {
   /** The saving of a region that this page has started. */
   saving = $state.raw<Operation | null>(null);
 
-  /**
-   * @param api the server.
-   * @param onChange called when the map shows something else.
-   */
   constructor(
     private readonly api: ApiClient,
-    private readonly onChange: () => void,
     private readonly gate = new CommandGate(),
   ) {}
 
@@ -38,6 +33,11 @@ export class MapSources {
     return this.list?.sources.find((each) => each.id === this.list?.chosen) ?? null;
   }
 
+  /** Another browser may have chosen or changed a source while the list is open. */
+  async refresh(): Promise<void> {
+    if (this.list !== null) await this.read();
+  }
+
   async read(): Promise<void> {
     this.take(await this.api.get('/map_sources'), (list) => (this.list = list));
   }
@@ -45,7 +45,7 @@ export class MapSources {
   async choose(source: string | null): Promise<void> {
     this.measured = null;
     const response = await this.command('Choose a map source', () => this.api.put('/map_sources/chosen', { body: { source } }));
-    if (this.take(response, (list) => (this.list = list))) this.onChange();
+    this.take(response, (list) => (this.list = list));
   }
 
   /** Adds a source and chooses it. Returns whether the server accepted it. */
@@ -59,11 +59,9 @@ export class MapSources {
   }
 
   async remove(source: MapSource): Promise<void> {
-    const wasChosen = this.list?.chosen === source.id;
     const path = { s: source.id };
     if (!this.take(await this.command('Remove a map source', () => this.api.delete('/map_sources/{s}', { params: { path } })))) return;
     await this.read();
-    if (wasChosen) this.onChange();
   }
 
   /** Asks how large a region is. @param region null: the map is not large, so nobody sees what would be saved. */
@@ -89,7 +87,6 @@ export class MapSources {
     if (this.saving?.error != null) this.problem = this.saving.error;
     if (this.saving?.state !== 'succeeded') return;
     this.measured = null;
-    this.onChange();
   }
 
   async cancel(): Promise<void> {

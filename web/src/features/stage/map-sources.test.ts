@@ -28,14 +28,12 @@ const call =
     return Promise.resolve(failed ? { ok: false, problem: value } : { ok: true, value });
   };
 const api = { get: call('GET'), post: call('POST'), put: call('PUT'), delete: call('DELETE') } as unknown as ApiClient;
-const onChange = vi.fn();
 let sources: MapSources;
 
 beforeEach(() => {
   vi.useFakeTimers();
-  onChange.mockClear();
   [calls, answers] = [[], {}];
-  sources = new MapSources(api, onChange);
+  sources = new MapSources(api);
 });
 
 it('says who learns what, before a source is chosen and after', () => {
@@ -51,11 +49,9 @@ it('shows an added source at once, and nothing if the address is refused', async
   const draft = { name: 'Field', url: 'http://10.0.0.2/', attribution: '', may_save: true };
   expect(await sources.add(draft)).toBe(false);
   expect(sources.problem?.detail).toBe('names no tile');
-  expect(onChange).not.toHaveBeenCalled();
   expect(await sources.add(draft)).toBe(true);
   expect(sources.problem).toBeNull();
   expect(sources.chosen?.id).toBe('own1');
-  expect(onChange).toHaveBeenCalledTimes(1);
 });
 
 it('saves exactly the area whose size it has shown', async () => {
@@ -75,7 +71,6 @@ it('saves exactly the area whose size it has shown', async () => {
   await saving;
   expect(calls[1]).toEqual(['POST', '/map_regions', { ...REGION, name: 'Test field' }]);
   expect(sources.measured).toBeNull();
-  expect(onChange).toHaveBeenCalledTimes(1);
 });
 
 it('shows why saving ended, and changes nothing', async () => {
@@ -90,7 +85,6 @@ it('shows why saving ended, and changes nothing', async () => {
   await vi.advanceTimersByTimeAsync(500);
   await saving;
   expect(sources.problem).toEqual(error);
-  expect(onChange).not.toHaveBeenCalled();
 });
 
 it('reads the list again after a source was removed', async () => {
@@ -103,5 +97,4 @@ it('reads the list again after a source was removed', async () => {
   await sources.read();
   await sources.remove(OWN);
   expect(sources.sources).toEqual([]);
-  expect(onChange).toHaveBeenCalledTimes(1);
 });

@@ -3,7 +3,7 @@ import { page } from '../../app/page.svelte';
 import { preview } from '../../app/preview.svelte';
 import { registry } from '../../app/registry.svelte';
 import { provide } from '../../app/services';
-import { mapPointMenu } from './controllers';
+import { mapPointMenu, mapSources } from './controllers';
 import { maps } from './maps.svelte';
 import { stage } from './stage.svelte';
 import Stage from './Stage.svelte';
@@ -14,6 +14,11 @@ page.eventListeners.push((event) => {
 });
 page.eventListeners.push((event) => {
   if (event.kind === 'scene_gizmo' && event['view'] === stage.viewId) preview.onDrag?.(event);
+});
+page.eventListeners.push((event) => {
+  if (event.kind !== 'maps_changed') return;
+  void maps.reload(page.api);
+  void mapSources.refresh();
 });
 provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
