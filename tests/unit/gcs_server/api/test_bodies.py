@@ -148,7 +148,7 @@ def test_the_routes_with_documents_are_those_whose_large_bodies_plan_work_checks
     assert {path.rpartition("/")[2] for path in in_body - with_document} == {
         "abort", "download", "resume", "start", "unregister"
     }  # fmt: skip
-    assert len(with_document) == 14
+    assert len(with_document) == 15
 
 
 def test_the_longest_allowed_path_is_accepted(client):
