@@ -146,7 +146,7 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(r
         await testbed.clock.sleep(2)
         assert len(vehicle.params.all()) == MAX_PARAMETERS
         encoded_count, max_encoded_count = [0], [0]
-        original_view = param_routes._view
+        original_view = param_routes.param_view
 
         def count_view(*arguments):
             encoded_count[0] += 1
@@ -160,11 +160,11 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(r
             run_once()
 
         testbed.loop._run_once = run_iteration
-        param_routes._view = count_view
+        param_routes.param_view = count_view
         try:
             response = await param_routes.all_params(vehicle)
         finally:
-            param_routes._view = original_view
+            param_routes.param_view = original_view
             testbed.loop._run_once = run_once
         assert len(json.loads(response.body)["params"]) == MAX_PARAMETERS
         assert max_encoded_count[0] <= param_routes.MAX_ENCODED_AT_ONCE
