@@ -64,6 +64,7 @@ def test_from_the_first_visit_to_the_comparison_of_the_flight(
         view.get_by_label("Heading of the lines").fill("0")
         figures = view.get_by_role("group", name="Figures of the pattern")
         expect(figures).to_contain_text("Line heading 0°")
+        expect(figures.locator(".stale")).to_have_count(0)  # pale while new lines are being made
         picture(page, f"{theme}-2-survey")
         view.get_by_role("button", name="Insert survey").click()
         survey = entries_of(view).filter(has_text="Survey")
