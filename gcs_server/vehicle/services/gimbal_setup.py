@@ -301,8 +301,7 @@ def findings(
             SetupFinding(
                 "input_none",
                 "Input: none. The gimbal takes no commands by MAVLink, from this page or from a program, "
-                "because "
-                f"{px4.INPUT} is {mode_in.value:g}.",
+                f"because {px4.INPUT} is {mode_in.value:g}.",
                 (SetupChange(px4.INPUT, px4.MAVLINK_INPUT),),
                 True,
             )
@@ -312,8 +311,7 @@ def findings(
             SetupFinding(
                 "not_started",
                 f"{px4.INPUT} is set, but the gimbal module has not started with it: PX4 reads it when the "
-                "module "
-                "starts, or at a restart of the vehicle.",
+                "module starts, or at a restart of the vehicle.",
                 (),
                 True,
             )
@@ -335,10 +333,8 @@ def findings(
                 SetupFinding(
                     "prearm_off",
                     f"The servos move only while the vehicle is armed, because {px4.PREARM} is "
-                    f"{prearm.value:g}. With "
-                    f"{px4.PREARM_ALWAYS} (always) they also move while it is disarmed, as do all other "
-                    "outputs that "
-                    "are not motors.",
+                    f"{prearm.value:g}. With {px4.PREARM_ALWAYS} (always) they also move while it is "
+                    "disarmed, as do all other outputs that are not motors.",
                     (SetupChange(px4.PREARM, px4.PREARM_ALWAYS),),
                     False,
                 )
