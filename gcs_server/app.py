@@ -41,8 +41,8 @@ from gcs_server.errors import GcsError
 from gcs_server.flights.flights import Flights
 from gcs_server.flights.resume import ProgressStore
 from gcs_server.links.names import shown_url
-from gcs_server.maps.sources import MapSources
-from gcs_server.maps.tiles import Tiles
+from gcs_server.maps.sources import USUAL_ELEVATION, MapSources
+from gcs_server.maps.tiles import Tiles, elevation_fault
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
@@ -203,6 +203,12 @@ class Server:
             maps=folder.maps,
             map_sources=MapSources(Records(folder.map_sources)),
             map_tiles=Tiles(clock, folder.cache / "map_tiles"),
+            elevation_sources=MapSources(
+                Records(folder.elevation_sources), USUAL_ELEVATION, "elevation source"
+            ),
+            elevation_tiles=Tiles(
+                clock, folder.cache / "elevation_tiles", "elevation source", elevation_fault
+            ),
             logs=Cache(folder.logs, MAX_LOG_BYTES, LOGS_TOTAL_BYTES),
             has_scene=self.scene is not None,
             simulator=self._simulator,
@@ -237,6 +243,7 @@ class Server:
             ("plans", self.flights.plans.warnings),
             ("plans", self.flights.progress.warnings),
             ("maps", self.station.map_sources.warnings),
+            ("maps", self.station.elevation_sources.warnings),
             ("ros2_settings", self._ros2_settings.warnings),
         ]
         if self.scene is not None:
@@ -251,7 +258,8 @@ class Server:
         """Starts all parts; a link that cannot be opened becomes a warning."""
         await self.station.journal.load()
         self.station.journal.start(self.supervisor)
-        await asyncio.to_thread(self.station.map_sources.load)
+        for sources in (self.station.map_sources, self.station.elevation_sources):
+            await asyncio.to_thread(sources.load)
         await self.streamer.limits.load()
         await self.flights.load()
         self.router.start()
@@ -286,8 +294,10 @@ class Server:
         await self.fleet.close()
         await self.supervisor.close()
         self.flights.progress.close()
-        await self.station.map_tiles.close()
-        self.station.map_sources.close()
+        for tiles in (self.station.map_tiles, self.station.elevation_tiles):
+            await tiles.close()
+        for sources in (self.station.map_sources, self.station.elevation_sources):
+            sources.close()
         self.station.replays.stop()
         await asyncio.to_thread(self.station.topic_inspectors.close)
         await self.router.close()

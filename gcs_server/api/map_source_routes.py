@@ -20,8 +20,8 @@ from gcs_server.api.station import Station, StationDep
 from gcs_server.api.strict_body import Latitude, Longitude, ResponseBody, StrictBody, example
 from gcs_server.errors import Refused
 from gcs_server.maps.regions import USUAL_TILE_BYTES, Region, region_path, save
-from gcs_server.maps.sources import MapSource
-from gcs_server.maps.tiles import content_type
+from gcs_server.maps.sources import MapSource, MapSources
+from gcs_server.maps.tiles import Tiles, content_type
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.operations.operations import ReportProgress
 
@@ -32,7 +32,7 @@ ShortText = Annotated[str, Field(min_length=1, max_length=100)]
 
 
 class MapSourceView(ResponseBody):
-    """A source of map tiles."""
+    """A source of map tiles, or of heights."""
 
     id: str
     """Id for the other calls."""
@@ -57,16 +57,16 @@ class MapSourceView(ResponseBody):
 
 
 class MapSourceList(ResponseBody):
-    """The sources of map tiles."""
+    """The sources of map tiles, or of heights."""
 
     chosen: str | None
-    """The source that the map shows; null: none, and nothing is asked for."""
+    """The source that is used; null: none, and nothing is asked for."""
     sources: list[MapSourceView]
     """The usual sources, then the operator's own."""
 
 
 class ChosenSource(StrictBody):
-    """Which source the map shows."""
+    """Which source is used."""
 
     model_config = example(source="osm")
 
@@ -126,10 +126,7 @@ class RegionSize(ResponseBody):
 @router.get("/map_sources", response_model=MapSourceList)
 async def list_map_sources(station: StationDep) -> Response:
     """The sources of map tiles. Nothing is asked of any of them before one is chosen."""
-    sources = station.map_sources
-    chosen = sources.chosen
-    views = [await _view(station, each) for each in sources.all()]
-    return json_response({"chosen": None if chosen is None else chosen.id, "sources": views})
+    return await source_list(station.map_sources, station.map_tiles)
 
 
 @router.put("/map_sources/chosen", response_model=MapSourceList)
@@ -137,7 +134,7 @@ async def choose_map_source(body: ChosenSource, station: StationDep, principal: 
     """Chooses the source that the map shows in all browsers, or none."""
     with authorized_command(station, principal, "maps/choose", None, {"source": body.source}):
         station.map_sources.choose(body.source)
-        _announce(station, f"{principal.name} chose another map.")
+        announce(station, f"{principal.name} chose another map.")
     return await list_map_sources(station)
 
 
@@ -148,7 +145,7 @@ async def add_map_source(body: NewMapSource, station: StationDep, principal: Pri
         source = station.map_sources.add(
             body.name, body.url, body.attribution, body.max_zoom, may_save=body.may_save
         )
-    return json_response(await _view(station, source), 201)
+    return json_response(await source_view(station.map_sources, station.map_tiles, source), 201)
 
 
 @router.delete("/map_sources/{s}", status_code=204)
@@ -158,7 +155,7 @@ async def remove_map_source(s: str, station: StationDep, principal: PrincipalDep
         source = station.map_sources.get(s)
         station.map_sources.remove(s)
         await station.map_tiles.forget(source)
-        _announce(station, f"{principal.name} removed the map source {source.name}.")
+        announce(station, f"{principal.name} removed the map source {source.name}.")
     return Response(status_code=204)
 
 
@@ -216,7 +213,7 @@ async def save_region(body: RegionRequest, station: StationDep, principal: Princ
 
         async def work(report: ReportProgress) -> dict[str, object]:
             count = await save(station.map_tiles, source, region, path, report)
-            _announce(station, f"The map {path.name} was saved.")
+            announce(station, f"The map {path.name} was saved.")
             return {"file": path.name, "tiles": count}
 
         operation = station.operations.start(
@@ -229,17 +226,25 @@ async def save_region(body: RegionRequest, station: StationDep, principal: Princ
     return json_response(operation_view(operation), 202)
 
 
-def _announce(station: Station, text: str) -> None:
+def announce(station: Station, text: str) -> None:
     """Tells all clients that the map shows something else."""
     now_s = station.clock.unix_s()
     station.fleet.events.add("maps_changed", now_s, text, severity=MAV_SEVERITY_DEBUG, stored=False)
 
 
-async def _view(station: Station, source: MapSource) -> dict[str, object]:
+async def source_list(sources: MapSources, tiles: Tiles) -> Response:
+    """All sources, and which is chosen."""
+    chosen = sources.chosen
+    views = [await source_view(sources, tiles, each) for each in sources.all()]
+    return json_response({"chosen": None if chosen is None else chosen.id, "sources": views})
+
+
+async def source_view(sources: MapSources, tiles: Tiles, source: MapSource) -> dict[str, object]:
+    """One source."""
     return {
         **asdict(source),
         "host": source.host,
-        "own": station.map_sources.is_own(source),
-        "kept_bytes": await station.map_tiles.kept_bytes(source),
-        "problem": station.map_tiles.failure(source),
+        "own": sources.is_own(source),
+        "kept_bytes": await tiles.kept_bytes(source),
+        "problem": tiles.failure(source),
     }

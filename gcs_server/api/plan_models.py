@@ -358,6 +358,10 @@ class ElevationFileModel(ResponseBody):
     """Northern edge [deg]."""
     spacing_m: float
     """Distance between two rows of the grid, on the ground [m]."""
+    from_tiles: bool
+    """Whether the server saved it from tiles. Other files are used first."""
+    attribution: str | None
+    """Attribution that the file asks for."""
 
 
 class ElevationFiles(ResponseBody):
@@ -366,7 +370,8 @@ class ElevationFiles(ResponseBody):
     folder: str
     """Folder for GeoTIFF (.tif, .tiff) and HGT files."""
     files: list[ElevationFileModel]
-    """Files, from the finest grid to the coarsest."""
+    """Files in the order in which they are used: the operator's own, then those saved from tiles; each from
+    the finest grid to the coarsest."""
     unreadable: list[str]
     """Files in the folder that cannot be used, each with the reason."""
 

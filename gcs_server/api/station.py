@@ -51,6 +51,8 @@ class Station:
     """Folder of the operator's offline maps; need not exist."""
     map_sources: MapSources
     map_tiles: Tiles
+    elevation_sources: MapSources
+    elevation_tiles: Tiles
     logs: Cache
     """The flight logs that were downloaded from vehicles."""
     request_queue: RequestQueue = field(init=False)

@@ -292,6 +292,10 @@ ALL: tuple[Command, ...] = (
     Command("maps/add_source", "station", ("POST /map_sources",)),
     Command("maps/remove_source", "station", ("DELETE /map_sources/{s}",)),
     Command("maps/save_region", "station", ("POST /map_regions",)),
+    Command("elevation/choose", "station", ("PUT /elevation/sources/chosen",)),
+    Command("elevation/add_source", "station", ("POST /elevation/sources",)),
+    Command("elevation/remove_source", "station", ("DELETE /elevation/sources/{s}",)),
+    Command("elevation/save_region", "station", ("POST /elevation/regions",)),
     # recordings
     Command("replays/open", "replay", ("POST /replays",)),
     Command("replays/change", "replay", ("POST /replays/{name}",), journaled=False),
@@ -379,6 +383,8 @@ ALL: tuple[Command, ...] = (
         "GET /map_sources",
         "GET /map_sources/{s}/{zoom}/{x}/{y}",
         "POST /map_regions/size",
+        "GET /elevation/sources",
+        "POST /elevation/regions/size",
     ),
     _view(
         "server",

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import glob
 import math
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,22 +88,37 @@ def _row(lat_deg: float, zoom: int) -> int:
     return max(0, min((1 << zoom) - 1, int(share * (1 << zoom))))
 
 
-def region_path(folder: Path, name: str) -> Path:
-    """Path of a new map file of this name.
+def region_path(folder: Path, name: str, suffix: str = ".mbtiles") -> Path:
+    """Path of a new map file, or elevation file, of this name.
 
     Raises:
         InvalidRequest: the name cannot be used, or the file exists.
     """
-    path = folder / f"{name}.mbtiles"
+    path = folder / f"{name}{suffix}"
     if not is_map_name(f"{name}.mbtiles"):
-        raise InvalidRequest("name", f"{name!r} cannot be the name of a map file.", remedy="Use letters.")
+        raise InvalidRequest("name", f"{name!r} cannot be the name of a file.", remedy="Use letters.")
     if path.exists():
-        raise InvalidRequest("name", f"There is a map {path.name} already.", remedy="Choose another name.")
+        raise InvalidRequest("name", f"There is a file {path.name} already.", remedy="Choose another name.")
     return path
 
 
-async def save(tiles: Tiles, source: MapSource, region: Region, path: Path, report: ReportProgress) -> int:
+async def save(
+    tiles: Tiles,
+    source: MapSource,
+    region: Region,
+    path: Path,
+    report: ReportProgress,
+    finish: Callable[[Path], Awaitable[None]] | None = None,
+) -> int:
     """Saves the tiles of a region; tiles that are kept are not asked for again. Returns the number of tiles.
+
+    Args:
+        tiles: asks the source, and keeps its tiles.
+        source: the source.
+        region: the area and the zooms.
+        path: the file.
+        report: told of the progress.
+        finish: makes the file from the MBTiles file with all tiles; None: that file is the result.
 
     Raises:
         MapSourceFailed: the source stopped answering.
@@ -128,11 +144,19 @@ async def save(tiles: Tiles, source: MapSource, region: Region, path: Path, repo
             report(f"{done:,} of {total:,} tiles of {source.name}.", done / total)
         if not saved:
             raise MapError(f"{source.name} has no tiles in this region.", remedy="Choose another region.")
-        await asyncio.to_thread(_finish, part, path, source, region, format_name)
+        await asyncio.to_thread(_finish, part, source, region, format_name)
+        if finish is not None:
+            await finish(part)
+        else:
+            part.rename(path)
     except (sqlite3.Error, OSError) as error:
-        raise MapError(f"The map {path.name} cannot be written: {error}.", remedy="Make room.") from error
+        raise MapError(
+            f"The file {path.name} cannot be written: {error}.",
+            remedy="Make room on the server's disk. Nothing was saved.",
+        ) from error
     finally:
-        part.unlink(missing_ok=True)
+        for each in (part, *part.parent.glob(f"{glob.escape(part.name)}-*")):  # SQLite's own beside it
+            each.unlink(missing_ok=True)
     return saved
 
 
@@ -165,9 +189,9 @@ def _write(path: Path, rows: list[tuple[int, int, int, bytes]]) -> None:
         )
 
 
-def _finish(part: Path, path: Path, source: MapSource, region: Region, format_name: str) -> None:
+def _finish(part: Path, source: MapSource, region: Region, format_name: str) -> None:
     metadata = {
-        "name": path.stem,
+        "name": part.name[1:].removesuffix(".mbtiles.part"),
         "type": "baselayer",
         "format": format_name,
         "attribution": source.attribution,
@@ -177,4 +201,3 @@ def _finish(part: Path, path: Path, source: MapSource, region: Region, format_na
     }
     with closing(sqlite3.connect(part)) as database, database:
         database.executemany("INSERT INTO metadata VALUES (?, ?)", metadata.items())
-    part.rename(path)

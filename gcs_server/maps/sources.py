@@ -1,4 +1,5 @@
-"""Sources of map tiles: the usual ones, the operator's own, and which of them the map shows.
+"""Sources of tiles: the usual ones, the operator's own, and which of them is used. There is one such list
+for the map and one for the heights of the ground.
 
 No source is chosen until an operator chooses one, and only the chosen source is asked for tiles.
 """
@@ -92,6 +93,17 @@ USUAL = (
     ),
 )
 """Their terms allow viewing with attribution, and none of them allows saving a region."""
+USUAL_ELEVATION = (
+    MapSource(
+        "terrain_tiles",
+        "Terrain Tiles",
+        "https://s3.amazonaws.com/elevation-tiles-prod/terrarium/{z}/{x}/{y}.png",
+        "Terrain Tiles: Mapzen; SRTM, NED, GMTED and ETOPO1 (USGS, NOAA), ArcticDEM, EU-DEM and others",
+        15,
+        may_save=True,
+    ),
+)
+"""Open data on Amazon's servers, in the Terrarium encoding."""
 
 
 def address_of_tiles(address: str) -> str:
@@ -153,10 +165,16 @@ class MapSources:
 
     Args:
         records: where they are stored.
+        usual: the sources that always exist.
+        what: what they are sources of, for texts.
     """
 
-    def __init__(self, records: Records) -> None:
+    def __init__(
+        self, records: Records, usual: tuple[MapSource, ...] = USUAL, what: str = "map source"
+    ) -> None:
         self._records = records
+        self._usual = usual
+        self.what = what
         self._stored = _Stored(None, ())
         self._problem: str | None = None
 
@@ -170,7 +188,7 @@ class MapSources:
                 self._stored = typed(_Stored, record)
         except (OSError, ValueError) as error:
             path = self._records.folder / f"{RECORD}.json"
-            self._problem = f"The map sources in {path} cannot be read: {error}."
+            self._problem = f"The {self.what}s in {path} cannot be read: {error}."
 
     def warnings(self) -> str | None:
         """Why the stored sources cannot be used."""
@@ -178,19 +196,19 @@ class MapSources:
 
     def all(self) -> tuple[MapSource, ...]:
         """The usual sources, then the operator's own."""
-        return (*USUAL, *self._stored.own)
+        return (*self._usual, *self._stored.own)
 
     def get(self, source_id: str) -> MapSource:
         """A source. Raises UnknownSource."""
         found = next((each for each in self.all() if each.id == source_id), None)
         if found is None:
             known = ", ".join(each.id for each in self.all())
-            raise UnknownSource(f"There is no map source {source_id!r}.", remedy=f"The sources are {known}.")
+            raise UnknownSource(f"There is no {self.what} {source_id!r}.", remedy=f"The sources are {known}.")
         return found
 
     @property
     def chosen(self) -> MapSource | None:
-        """The source that the map shows; None: none."""
+        """The source that is used; None: none."""
         return next((each for each in self.all() if each.id == self._stored.chosen), None)
 
     def is_own(self, source: MapSource) -> bool:
@@ -209,9 +227,9 @@ class MapSources:
             Refused: there are too many.
         """
         if any(each.name == name for each in self.all()):
-            raise InvalidRequest("name", f"There is a map source {name!r} already.")
+            raise InvalidRequest("name", f"There is a {self.what} {name!r} already.")
         if len(self._stored.own) >= MAX_OWN_SOURCES:
-            raise Refused(f"There are {MAX_OWN_SOURCES} own map sources.", remedy="Remove one first.")
+            raise Refused(f"There are {MAX_OWN_SOURCES} own {self.what}s.", remedy="Remove one first.")
         taken = {each.id for each in self.all()}
         source_id = next(each for n in range(1, MAX_OWN_SOURCES + 2) if (each := f"own{n}") not in taken)
         source = MapSource(source_id, name, address_of_tiles(url), attribution, max_zoom, may_save)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import sqlite3
+import struct
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -36,6 +37,11 @@ PAUSE_S = 5.0
 """Pause after a request without an answer, so that a dead source is not asked for each tile [s]."""
 SIZE_CHECK_EVERY = 200
 REMEDY = "Check its address and this computer's connection, or choose another source."
+ELEVATION_SIDES_PX = ((256, 256), (512, 512))
+_PNG_HEAD = struct.Struct("!12s4sIIBB")
+"""Magic and length of the first block, its name, width, height, bits of a colour, kind of colours."""
+_RGB_COLOURS = (2, 6)
+"""Kinds of colours of a PNG: RGB, and RGB with opacity."""
 _IMAGES = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"), (b"RIFF", "image/webp"))
 
 
@@ -49,6 +55,22 @@ def content_type(tile: bytes) -> str | None:
     """The type of an image; None: it is no image that the page shows."""
     found = next((kind for magic, kind in _IMAGES if tile.startswith(magic)), None)
     return None if found == "image/webp" and tile[8:12] != b"WEBP" else found
+
+
+def image_fault(tile: bytes) -> str | None:
+    """Why an answer is no tile of a map; None: it is one."""
+    return "no PNG, JPEG or WebP image" if content_type(tile) is None else None
+
+
+def elevation_fault(tile: bytes) -> str | None:
+    """Why an answer is no tile of heights (Terrarium), as far as its first bytes show; None: nothing is
+    wrong."""
+    if content_type(tile) != "image/png" or len(tile) < _PNG_HEAD.size:
+        return "no PNG image"
+    _, name, width, height, depth, colours = _PNG_HEAD.unpack_from(tile)
+    if name != b"IHDR" or (width, height) not in ELEVATION_SIDES_PX:
+        return f"an image of {width} by {height} pixels, not 256 or 512"
+    return None if depth == 8 and colours in _RGB_COLOURS else "an image without heights (8-bit RGB)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,11 +167,20 @@ class Tiles:
     Args:
         clock: the server's clock.
         folder: folder of the kept tiles; created when the first tile is kept.
+        what: what the sources are sources of, for texts.
+        fault: says why an answer is no tile; None: it is one.
     """
 
-    def __init__(self, clock: Clock, folder: Path) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        folder: Path,
+        what: str = "map source",
+        fault: Callable[[bytes], str | None] = image_fault,
+    ) -> None:
         self._clock = clock
         self._folder = folder
+        self._what, self._fault = what, fault
         self._stores: dict[str, TileStore] = {}
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="map-tiles")
         self._client: httpx.AsyncClient | None = None
@@ -169,7 +200,7 @@ class Tiles:
         if kept is not None and self._clock.unix_s() - kept.fetched_unix_s < FRESH_S:
             return kept.content
         if self._waiting >= MAX_WAITING:
-            raise ServerBusy(f"{MAX_WAITING} map tiles are being requested.", remedy="Wait a moment.")
+            raise ServerBusy(f"{MAX_WAITING} tiles are being requested.", remedy="Wait a moment.")
         self._waiting += 1
         try:
             content = await self._ask(source, source.tile_url(zoom, x, y))
@@ -261,14 +292,14 @@ class Tiles:
         except TimeoutError:
             raise self._failed(source, f"no answer in {2 * TIMEOUT_S:g} s") from None
         tile = bytes(content)
-        if content_type(tile) is None:
+        fault = self._fault(tile)
+        if fault is not None:
             kind = answer.headers.get("content-type", "unknown type")[:60]
-            raise self._failed(source, f"it answers with no PNG, JPEG or WebP image ({kind})")
+            raise self._failed(source, f"it answers with {fault} ({kind})")
         return tile
 
-    @staticmethod
-    def _failed(source: MapSource, reason: str) -> MapSourceFailed:
+    def _failed(self, source: MapSource, reason: str) -> MapSourceFailed:
         return MapSourceFailed(
-            f"The map source {source.name} ({source.host}) gives no tiles: {reason}.",
+            f"The {self._what} {source.name} ({source.host}) gives no tiles: {reason}.",
             remedy=REMEDY,
         )

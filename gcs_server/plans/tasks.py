@@ -577,6 +577,13 @@ def _known_ground(arguments: Mapping[str, Any]) -> Answer:
     return Answer({}) if ground is None else Answer(ground.fields, ground.amsl_m)
 
 
+def _ground_from_tiles(arguments: Mapping[str, Any]) -> Answer:
+    from gcs_server.plans import terrain_tasks
+
+    terrain_tasks.ground_from_tiles(arguments)
+    return Answer({})
+
+
 WITH_ELEVATION = frozenset(
     {
         "check", "compile", "elevation_files", "follow_ground", "known_ground",
@@ -592,6 +599,7 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
     "divide": _divide,
     "elevation_files": _elevation_files,
     "follow_ground": _follow_ground,
+    "ground_from_tiles": _ground_from_tiles,
     "import": _import,
     "items": _items,
     "insert": _insert,

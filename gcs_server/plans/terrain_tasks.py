@@ -19,7 +19,7 @@ from missions.offboard.findings import MissionFinding
 from missions.offboard.samples import Leg
 from missions.plan import Plan
 from missions.route import plan_positions
-from missions.terrain import clearance, profile
+from missions.terrain import clearance, profile, terrarium
 from missions.terrain.files import BoundingBox, Elevation, ElevationFile
 from missions.terrain.follow import follow_ground
 from missions.terrain.ground import Ground
@@ -130,6 +130,12 @@ def list_files(arguments: Mapping[str, Any]) -> dict[str, Any]:
     elevation = Elevation.from_files(map(Path, arguments["elevation"]))
     readable: list[ElevationFile] = [file for _, file in elevation.files]
     return {"files": [dataclasses.asdict(each) for each in readable], "unreadable": list(elevation.problems)}
+
+
+def ground_from_tiles(arguments: Mapping[str, Any]) -> None:
+    """Writes an elevation file from tiles. Arguments: `tiles` (path of an MBTiles file with one zoom),
+    `file` (path of the new file), `attribution`."""
+    terrarium.write_file(Path(arguments["tiles"]), Path(arguments["file"]), arguments["attribution"])
 
 
 def _ground(

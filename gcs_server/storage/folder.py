@@ -63,6 +63,11 @@ class DataFolder:
         return self.path / "map_sources"
 
     @property
+    def elevation_sources(self) -> Path:
+        """Folder of the operator's sources of heights."""
+        return self.path / "elevation_sources"
+
+    @property
     def cache(self) -> Path:
         """Folder of data that vehicles would send again; may be deleted at any time."""
         return self.path / "cache"

@@ -29,11 +29,14 @@ from missions.terrain.ground import Ground
 MAX_CELLS = 4_000_000
 """Maximum number of cells of one `Ground`; a larger area is read with a coarser grid."""
 MARGIN_CELLS = 2
+MAX_ATTRIBUTION = 300
 MIN_ALT_AMSL_M, MAX_ALT_AMSL_M = -1_000.0, 9_000.0
 """Range of land altitudes on earth; a value outside means no data."""
 WGS84 = CRS.from_epsg(4326)
 DRIVERS = {".tif": "GTiff", ".tiff": "GTiff", ".hgt": "SRTMHGT"}
 """GDAL driver by suffix. Other drivers are not used, because some of them follow links to other files."""
+FROM_TILES = "offboard-gcs: from tiles"
+"""Software that a GeoTIFF file names if it was made of tiles."""
 FIX = "Use a GeoTIFF or HGT file with one band of altitudes in metres."
 
 
@@ -48,6 +51,10 @@ class ElevationFile:
     north_deg: float
     spacing_m: float
     """Distance between two rows."""
+    from_tiles: bool = False
+    """Whether it was saved from tiles. Such tiles are often drawn from coarser data than they look."""
+    attribution: str | None = None
+    """Attribution that the file asks for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +102,11 @@ def inspect(path: Path) -> ElevationFile:
     """
     with _open(path) as data:
         west, south, east, north = transform_bounds(data.crs, WGS84, *data.bounds)
-        spacing_deg = (north - south) / data.height
-        return ElevationFile(path.name, west, south, east, north, math.radians(spacing_deg) * EARTH_RADIUS_M)
+        spacing_m = math.radians((north - south) / data.height) * EARTH_RADIUS_M
+        tags: dict[str, str] = data.tags()
+        from_tiles = tags.get("TIFFTAG_SOFTWARE") == FROM_TILES
+        attribution = tags.get("TIFFTAG_COPYRIGHT", "")[:MAX_ATTRIBUTION] or None
+        return ElevationFile(path.name, west, south, east, north, spacing_m, from_tiles, attribution)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +114,8 @@ class Elevation:
     """The operator's readable elevation files."""
 
     files: tuple[tuple[Path, ElevationFile], ...]
-    """The files, sorted from the finest grid to the coarsest."""
+    """The operator's own files, then those that were saved from tiles; each from the finest grid to the
+    coarsest."""
     problems: tuple[str, ...]
     """Messages about files that cannot be used."""
 
@@ -120,11 +131,11 @@ class Elevation:
                 problems.append(
                     f"{error.place[0].upper()}{error.place[1:]} is not used: {error.reason}. {error.fix}"
                 )
-        files.sort(key=lambda each: (each[1].spacing_m, each[1].name))
+        files.sort(key=lambda each: (each[1].from_tiles, each[1].spacing_m, each[1].name))
         return cls(tuple(files), tuple(problems))
 
     def ground(self, area: BoundingBox) -> Ground | None:
-        """The ground of an area; each cell is taken from the finest file that covers it. None: no file covers
+        """The ground of an area; each cell is taken from the first file that covers it. None: no file covers
         the area.
 
         Raises:
@@ -133,7 +144,7 @@ class Elevation:
         covering = [(path, file) for path, file in self.files if _overlaps(file, area)]
         if not covering:
             return None
-        step_deg = math.degrees(covering[0][1].spacing_m / EARTH_RADIUS_M)
+        step_deg = math.degrees(min(file.spacing_m for _, file in covering) / EARTH_RADIUS_M)
         width_deg, height_deg = area.east_deg - area.west_deg, area.north_deg - area.south_deg
         step_deg = max(step_deg, math.sqrt(width_deg * height_deg / MAX_CELLS))
         grid = _Grid(

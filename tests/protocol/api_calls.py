@@ -89,6 +89,8 @@ def new_station(testbed, progress=None):
         maps=Path("no maps"),
         map_sources=MapSources(Records(Path("no sources"))),
         map_tiles=Tiles(testbed.clock, Path("no tiles")),
+        elevation_sources=MapSources(Records(Path("no sources"))),
+        elevation_tiles=Tiles(testbed.clock, Path("no tiles")),
         logs=Cache(Path("no logs")),
     )
     return station

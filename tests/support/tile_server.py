@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -13,10 +14,10 @@ class TileServer:
     """A source of tiles; notes what it was asked for, and by whom.
 
     Args:
-        answer: every tile; None: a tile with its own path in it.
+        answer: every tile, or a function of its path; None: a tile with its own path in it.
     """
 
-    def __init__(self, answer: bytes | None = None) -> None:
+    def __init__(self, answer: bytes | Callable[[str], bytes] | None = None) -> None:
         self.asked: list[tuple[str, str]] = []
         self.answer, self.status = answer, 200
         source = self
@@ -25,6 +26,8 @@ class TileServer:
             def do_GET(self) -> None:
                 source.asked.append((self.path, self.headers["User-Agent"]))
                 body = PNG + self.path.encode() if source.answer is None else source.answer
+                if callable(body):
+                    body = body(self.path)
                 self.send_response(source.status)
                 self.send_header("Content-Length", str(len(body)))
                 self.end_headers()

@@ -149,6 +149,9 @@ export const BOUNDS = {
     yaw_ned_deg: {"min":-360,"max":360},
     speed_m_s: {"min":0.1,"max":100},
   },
+  GroundRegion: {
+    zoom: {"min":8,"max":24},
+  },
   GroupSetpoints: {
     valid_for_s: {"min":0.05,"max":600},
   },

@@ -42,7 +42,7 @@ const { shellPanel } = await import('./shell/controllers');
 const { readinessPanel } = await import('./readiness/controllers');
 const { BATCH_ACTIONS, batchCommand } = await import('./vehicles/batch');
 const { vehicleList } = await import('./vehicles/controllers');
-const { mapPointMenu, mapSources } = await import('./stage/controllers');
+const { groundSources, mapPointMenu, mapSources } = await import('./stage/controllers');
 const { guided } = await import('./guided/controllers');
 const { modeMenu } = await import('./modes/controllers');
 const { modeGroups } = await import('./modes/mode-texts');
@@ -331,6 +331,19 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'choose a map source': { vehicles: [], click: () => mapSources.choose('osm') },
   'add a map source': { vehicles: [], click: () => mapSources.add({ name: 'Field', url: 'http://10.0.0.2/{z}/{x}/{y}', attribution: '', may_save: true }) },
   'remove a map source': { vehicles: [], click: () => mapSources.remove({ id: 'own1' } as never) },
+  'choose a source of heights': { vehicles: [], click: () => groundSources.choose('terrain_tiles') },
+  'add a source of heights': {
+    vehicles: [],
+    click: () => groundSources.add({ name: 'Hills', url: 'http://10.0.0.2/{z}/{x}/{y}', attribution: '', may_save: true }),
+  },
+  'remove a source of heights': { vehicles: [], click: () => groundSources.remove({ id: 'own1' } as never) },
+  'save the ground': {
+    vehicles: [],
+    click: () => {
+      groundSources.measured = { region: { source: 'own1' }, tiles: 1, estimated_bytes: 1 } as never;
+      return groundSources.save('Field');
+    },
+  },
   'save an area': {
     vehicles: [],
     click: () => {
@@ -359,6 +372,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
 
 /** Requests that change nothing: the server computes or compares, or reads from the vehicle again. */
 const COMPUTING = new Set([
+  '/elevation/regions/size',
   '/map_regions/size',
   '/plans/check',
   '/plans/convert',

@@ -3,7 +3,7 @@ import { page } from '../../app/page.svelte';
 import { preview } from '../../app/preview.svelte';
 import { registry } from '../../app/registry.svelte';
 import { provide } from '../../app/services';
-import { mapPointMenu, mapSources } from './controllers';
+import { groundSources, mapPointMenu, mapSources } from './controllers';
 import { maps } from './maps.svelte';
 import { stage } from './stage.svelte';
 import Stage from './Stage.svelte';
@@ -19,10 +19,11 @@ page.eventListeners.push((event) => {
   if (event.kind !== 'maps_changed') return;
   void maps.reload(page.api);
   void mapSources.refresh();
+  void groundSources.refresh();
 });
 provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
-registry.addPanel({ id: 'map-sources', order: 13, place: 'side', load: async () => ({ component: (await import('./MapSources.svelte')).default }) });
+registry.addPanel({ id: 'map-sources', order: 13, place: 'side', load: async () => ({ component: (await import('./SourcesPanel.svelte')).default }) });
 registry.addPanel({ id: 'measure', order: 14, place: 'side', load: async () => ({ component: (await import('./MeasurePanel.svelte')).default }) });
 registry.addWarnings(() => maps.unreadableFiles);
 registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.reason}. The page tries again; the map shows the flight.`] : []));
@@ -32,7 +33,7 @@ registry.addKeys([
   {
     order: 195,
     keys: 'Shift F',
-    description: 'What the map shows: source, own sources, save for the field',
+    description: 'What the map shows: map and ground, own sources, save for the field',
     inScene: true,
     handlers: { 'Shift F': (facts) => registry.toggle('map-sources', facts) },
   },

@@ -1,6 +1,7 @@
 import { beforeEach, expect, it, vi } from 'vitest';
 import type { ApiClient } from '../../api/client';
-import { MapSources, whoLearns, type MapSource } from './map-sources.svelte';
+import { groundCalls, mapCalls, type MapRegion, type MapSource } from './source-calls';
+import { TileSources, whoLearns, whoLearnsOfGround } from './tile-sources.svelte';
 
 const OWN: MapSource = {
   id: 'own1',
@@ -28,17 +29,19 @@ const call =
     return Promise.resolve(failed ? { ok: false, problem: value } : { ok: true, value });
   };
 const api = { get: call('GET'), post: call('POST'), put: call('PUT'), delete: call('DELETE') } as unknown as ApiClient;
-let sources: MapSources;
+let sources: TileSources<MapRegion>;
 
 beforeEach(() => {
   vi.useFakeTimers();
   [calls, answers] = [[], {}];
-  sources = new MapSources(api);
+  sources = new TileSources(api, mapCalls(api), 'map');
 });
 
 it('says who learns what, before a source is chosen and after', () => {
   expect(whoLearns(null)).toContain('nothing is asked for');
   expect(whoLearns(OWN)).toContain('10.0.0.2');
+  expect(whoLearnsOfGround(null)).toContain('nothing is asked for');
+  expect(whoLearnsOfGround(OWN)).toContain('When you save an area, the server asks 10.0.0.2');
 });
 
 it('shows an added source at once, and nothing if the address is refused', async () => {
@@ -97,4 +100,20 @@ it('reads the list again after a source was removed', async () => {
   await sources.read();
   await sources.remove(OWN);
   expect(sources.sources).toEqual([]);
+});
+
+it('asks the sources of heights under their own addresses', async () => {
+  answers = {
+    'GET /elevation/sources': [{ chosen: 'own1', sources: [OWN] }],
+    'POST /elevation/regions/size': [{ tiles: 4, estimated_bytes: 100 }],
+    'POST /elevation/regions': [{ ...RUNNING, state: 'succeeded' }],
+  };
+  const ground = new TileSources(api, groundCalls(api), 'ground');
+  await ground.read();
+  expect(ground.chosen?.id).toBe('own1');
+  const region = { source: 'own1', name: 'x', bounds_deg: REGION.bounds_deg, zoom: 13 };
+  await ground.measure(region);
+  await ground.save('Hill');
+  expect(calls.at(-1)).toEqual(['POST', '/elevation/regions', { ...region, name: 'Hill' }]);
+  expect(ground.saving?.state).toBe('succeeded');
 });
