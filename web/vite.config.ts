@@ -1,13 +1,15 @@
 import { svelte } from '@sveltejs/vite-plugin-svelte';
 import { defineConfig } from 'vitest/config';
+import { pageTexts } from './dev/texts/plugin.mjs';
 
 declare const process: { env: Record<string, string | undefined> };
 
 /** The server that `npm run dev` uses: the real server, or `npm run dev:fake`. */
 const server = process.env['GCS_URL'] ?? 'http://127.0.0.1:8080';
 
-export default defineConfig({
-  plugins: [svelte()],
+/** `vite build --mode de` builds the German page beside the English one. */
+export default defineConfig(({ mode }) => ({
+  plugins: [pageTexts(mode === 'de' ? 'de' : 'en'), svelte()],
   build: {
     outDir: '../gcs_server/static',
     emptyOutDir: true,
@@ -23,4 +25,4 @@ export default defineConfig({
     },
   },
   test: { include: ['src/**/*.test.ts'], environment: 'node' },
-});
+}));

@@ -22,6 +22,7 @@ SCRIPT = b"console.log('page');" * 200
 def client(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
     (data / "index.html").write_text("<!doctype html><title>page</title>")
+    (data / "index.de.html").write_text('<!doctype html><html lang="de"><title>Seite</title>')
     (data / "assets").mkdir()
     (data / "assets/index-1a.js").write_bytes(SCRIPT)
     (data / "assets/index-1a.js.gz").write_bytes(gzip.compress(SCRIPT))
@@ -67,6 +68,27 @@ def test_a_cached_file_is_not_sent_again(client):
     headers = {"Accept-Encoding": "br", "If-None-Match": tag}
     response = client.get("/assets/index-1a.js", headers=headers)
     assert (response.status_code, response.content, response.headers["vary"]) == (304, b"", "Accept-Encoding")
+
+
+@pytest.mark.parametrize(
+    ("cookie", "title"),
+    [
+        ("gcs-language=de", "Seite"),
+        ("other=1; gcs-language=de", "Seite"),
+        ("gcs-language=en", "page"),
+        ("gcs-language=fr", "page"),
+        ("gcs-language=../../de", "page"),
+        ("gcs-language", "page"),
+        ("=;;gcs-language=\x01", "page"),
+        ("", "page"),
+    ],
+)
+def test_the_page_is_sent_in_the_language_of_the_browsers_cookie(client, cookie, title):
+    for path in ("/", "/index.html"):
+        response = client.get(path, headers={"Cookie": cookie})
+        assert f"<title>{title}</title>" in response.text
+        assert response.headers["cache-control"] == "no-cache"
+        assert response.headers["vary"] == "Accept-Encoding, Cookie"
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ const UNITS: readonly [string, string, number, number][] = [
 const AXES_NED = ['north', 'east', 'down'] as const;
 const AXES_FRD = ['roll', 'pitch', 'yaw'] as const;
 
-const GROUPS: Readonly<Record<string, string>> = {
+const GROUP_LABELS: Readonly<Record<string, string>> = {
   status: 'Vehicle',
   attitude: 'Attitude',
   local_position: 'Local position',
@@ -149,7 +149,7 @@ function fieldQuantity(topic: string, field: string, index: number | null, label
     label,
     unit,
     topic,
-    group: GROUPS[topic] ?? topic,
+    group: GROUP_LABELS[topic] ?? topic,
     read: (source) => {
       const reading = source.topic(topic);
       const fieldValue = reading?.value[field];
@@ -173,12 +173,12 @@ function rateLabel(topic: string, axis: string): string {
   return label.charAt(0).toUpperCase() + label.slice(1);
 }
 
-const LABEL_PREFIXES: Readonly<Record<string, string>> = { home: 'Home', local_position: 'Local' };
+const PREFIX_LABELS: Readonly<Record<string, string>> = { home: 'Home', local_position: 'Local' };
 /** Label of a field that says which of the topics it is from, for example "Home altitude". */
 function labelInTopic(topic: string, kind: string, label: string): string {
   if (topic === 'wind' && kind === 'vector3') return 'Wind towards';
   if (topic === 'local_position' && label === 'Position') return 'Local';
-  const prefix = topic.startsWith('target') ? 'Target' : LABEL_PREFIXES[topic];
+  const prefix = topic.startsWith('target') ? 'Target' : PREFIX_LABELS[topic];
   return prefix === undefined ? label : `${prefix} ${label.toLowerCase()}`;
 }
 

@@ -2,7 +2,7 @@
 
 import type { DryRunResult } from './dry-run.svelte';
 
-export const QUANTITIES = ['Altitude', 'Speed', 'Tilt', 'Battery'] as const;
+export const QUANTITIES = ['altitude', 'speed', 'tilt', 'battery'] as const;
 export type Quantity = (typeof QUANTITIES)[number];
 
 export interface Trace {
@@ -24,11 +24,25 @@ const MAX_POINTS = 600;
 type Path = NonNullable<DryRunResult['nominal']['path']>;
 
 const DEG_PER_RAD = 180 / Math.PI;
-const QUANTITY_SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; scaleStep: number; value: (path: Path, i: number) => number | null }>> = {
-  Altitude: { unit: 'm above the start', decimals: 1, scaleStep: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
-  Speed: { unit: 'm/s', decimals: 1, scaleStep: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
-  Tilt: { unit: '°', decimals: 0, scaleStep: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
-  Battery: { unit: '%', decimals: 0, scaleStep: 100, value: (path, i) => (path.battery_share === null ? null : 100 * (path.battery_share[i] ?? 0)) },
+interface QuantitySpec {
+  readonly label: string;
+  readonly unit: string;
+  readonly decimals: number;
+  readonly scaleStep: number;
+  readonly value: (path: Path, i: number) => number | null;
+}
+
+export const QUANTITY_SPECS: Readonly<Record<Quantity, QuantitySpec>> = {
+  altitude: { label: 'Altitude', unit: 'm above the start', decimals: 1, scaleStep: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
+  speed: { label: 'Speed', unit: 'm/s', decimals: 1, scaleStep: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
+  tilt: { label: 'Tilt', unit: '°', decimals: 0, scaleStep: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
+  battery: {
+    label: 'Battery',
+    unit: '%',
+    decimals: 0,
+    scaleStep: 100,
+    value: (path, i) => (path.battery_share === null ? null : 100 * (path.battery_share[i] ?? 0)),
+  },
 };
 
 function tilt_deg([, x, y]: readonly number[]): number {
@@ -45,13 +59,13 @@ export function traceOf({ nominal, monte_carlo }: DryRunResult, quantity: Quanti
   const samples = indices.map((i) => [path.t_s[i] ?? 0, value(path, i)] as const);
   const points = samples.filter((point): point is readonly [number, number] => point[1] !== null);
   if (points.length === 0) return null;
-  const corridor = quantity === 'Altitude' ? (monte_carlo?.corridor ?? null) : null;
+  const corridor = quantity === 'altitude' ? (monte_carlo?.corridor ?? null) : null;
   const band = (corridor?.t_s ?? []).map((t_s, i): [number, number, number] => {
     const up_m = 0 - (corridor?.position_ned_m[i]?.[2] ?? 0);
     return [t_s, up_m + (corridor?.vertical_m.p5[i] ?? 0), up_m + (corridor?.vertical_m.p95[i] ?? 0)];
   });
   const { ground_m } = path;
-  const ground = quantity !== 'Altitude' || ground_m === null ? [] : indices.map((i): [number, number] => [path.t_s[i] ?? 0, ground_m[i] ?? 0]);
+  const ground = quantity !== 'altitude' || ground_m === null ? [] : indices.map((i): [number, number] => [path.t_s[i] ?? 0, ground_m[i] ?? 0]);
   return scaledTrace({ unit, decimals, scaleStep, end_s: path.t_s.at(-1) ?? 0, points, band, ground });
 }
 

@@ -133,23 +133,23 @@ describe('a dry run', () => {
   it('plots values over time, with the band of 90 % of many flights', () => {
     const trace = (quantity: (typeof QUANTITIES)[number], result = RESULT): Trace => traceOf(result, quantity) as Trace;
     expect(QUANTITIES.map((quantity) => valueAt(trace(quantity), 10))).toEqual([10, 5, 0, 90]);
-    expect(valueAt(trace('Altitude'), 5)).toBe(5);
-    expect([trace('Altitude').top, trace('Altitude').bottom, trace('Altitude').end_s, trace('Altitude').band]).toEqual([10, 0, 20, []]);
-    expect(trace('Altitude', MONTE_CARLO).band[2]).toEqual([20, 9, 12]);
-    expect(trace('Altitude', MONTE_CARLO).top).toBe(20);
-    expect(trace('Speed', MONTE_CARLO).band).toEqual([]);
-    expect(plotPaths(trace('Altitude'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', ground: '', zero_y: 50 });
-    expect(plotPaths(trace('Altitude', MONTE_CARLO), 100, 50).band).toMatch(/^M.*Z$/);
+    expect(valueAt(trace('altitude'), 5)).toBe(5);
+    expect([trace('altitude').top, trace('altitude').bottom, trace('altitude').end_s, trace('altitude').band]).toEqual([10, 0, 20, []]);
+    expect(trace('altitude', MONTE_CARLO).band[2]).toEqual([20, 9, 12]);
+    expect(trace('altitude', MONTE_CARLO).top).toBe(20);
+    expect(trace('speed', MONTE_CARLO).band).toEqual([]);
+    expect(plotPaths(trace('altitude'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', ground: '', zero_y: 50 });
+    expect(plotPaths(trace('altitude', MONTE_CARLO), 100, 50).band).toMatch(/^M.*Z$/);
   });
 
   it('shows the terrain below the path, in a scale that contains both', () => {
     const hillyResult = { ...RESULT, nominal: { ...RESULT.nominal, path: { ...RESULT.nominal.path, ground_m: [0, 5, 20] } } } as DryRunResult;
-    const altitude = traceOf(hillyResult, 'Altitude');
+    const altitude = traceOf(hillyResult, 'altitude');
     expect(altitude?.top).toBe(20);
     expect(altitude && plotPaths(altitude, 100, 40).ground).toBe('M0 40L0.0 40.0L50.0 30.0L100.0 0.0L100 40Z');
-    expect(traceOf(hillyResult, 'Speed')?.ground).toEqual([]);
+    expect(traceOf(hillyResult, 'speed')?.ground).toEqual([]);
     const path = { ...RESULT.nominal.path, battery_share: null };
-    expect(traceOf({ ...RESULT, nominal: { ...RESULT.nominal, path } } as DryRunResult, 'Battery')).toBeNull();
+    expect(traceOf({ ...RESULT, nominal: { ...RESULT.nominal, path } } as DryRunResult, 'battery')).toBeNull();
   });
 
   it('has keys that change the shown time, between start and end', () => {

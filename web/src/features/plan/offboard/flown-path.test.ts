@@ -116,13 +116,13 @@ describe('figures', () => {
 
 describe('plot', () => {
   it('shows the distance from the path over time', () => {
-    const plot = flownPlot(FLOWN, pathDistances(FLOWN), 'Distance');
+    const plot = flownPlot(FLOWN, pathDistances(FLOWN), 'distance');
     expect([plot?.trace.end_s, plot?.trace.top, plot?.trace.bottom, plot?.plannedParts]).toEqual([40, 4, 0, []]);
-    expect(flownPlot(FLOWN, [], 'Distance')).toBeNull();
+    expect(flownPlot(FLOWN, [], 'distance')).toBeNull();
   });
 
   it('shows the flown and the planned altitude above the start', () => {
-    const plot = flownPlot(FLOWN, [], 'Altitude');
+    const plot = flownPlot(FLOWN, [], 'altitude');
     expect(plot?.trace.points.map(([, up_m]) => up_m)).toEqual([0, 10, 10, 11, 10, 0]);
     expect(plot?.plannedParts).toEqual([
       [
@@ -131,7 +131,7 @@ describe('plot', () => {
         [30, 9],
       ],
     ]);
-    expect(flownPlot({ ...FLOWN, samples: [] }, [], 'Altitude')).toBeNull();
+    expect(flownPlot({ ...FLOWN, samples: [] }, [], 'altitude')).toBeNull();
   });
 });
 

@@ -165,13 +165,13 @@ export function distanceText({ largestDistance_m, p95Distance_m }: Figures, { pl
   return `Distance from the planned path: at most ${fixed(largestDistance_m, 1)} m; 95 % within ${fixed(p95Distance_m, 1)} m.`;
 }
 
-export const FLOWN_QUANTITIES = ['Distance', 'Altitude'] as const;
+export const FLOWN_QUANTITIES = ['distance', 'altitude'] as const;
 export type FlownQuantity = (typeof FLOWN_QUANTITIES)[number];
 
 /** A plot over the time since the start; null: no value is known. */
 export function flownPlot(flownPath: FlownPath, distances: readonly PathDistance[], quantity: FlownQuantity): FlownPlot | null {
   const end_s = flownPath.samples.at(-1)?.t_s ?? 0;
-  if (quantity === 'Distance') {
+  if (quantity === 'distance') {
     const points = distances.map(({ t_s, distance_m }) => [t_s, distance_m] as const);
     return points.length === 0 ? null : { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 1, end_s, points }), plannedParts: [] };
   }

@@ -122,11 +122,11 @@ export function usableRings(rings: Rings, kind: PatternKind): Rings {
 
 /** The points of a shape as the choices of a select: `RING:INDEX` and the displayed name. */
 export function pointChoices(rings: Rings, kind: ShapeKind): { value: string; text: string }[] {
-  const noun = kind === 'line' ? 'Point' : kind === 'point' ? 'Centre' : 'Corner';
+  const pointLabel = kind === 'line' ? 'Point' : kind === 'point' ? 'Centre' : 'Corner';
   return rings.flatMap((points, ring) =>
     points.map((_, index) => ({
       value: `${ring}:${index}`,
-      text: kind === 'point' ? noun : `${ring > 0 ? `Hole ${ring}, corner` : noun} ${index + 1}`,
+      text: kind === 'point' ? pointLabel : `${ring > 0 ? `Hole ${ring}, corner` : pointLabel} ${index + 1}`,
     })),
   );
 }

@@ -1,0 +1,26 @@
+/**
+ * The page's language. Each language is a build of its own (`dev/texts/plugin.mjs`), so that English pays nothing for the others.
+ * The choice is a cookie, not local storage: the server reads it and sends the page and the sign-in page of that language.
+ */
+
+export type Language = 'en' | 'de';
+
+/** The languages, by their own names. */
+export const LANGUAGES: Readonly<Record<Language, string>> = { en: 'English', de: 'Deutsch' };
+
+/** Whether every text is translated. Until then, nobody is offered German: delete this constant, and what asks for it, when the catalogs are complete. */
+export const GERMAN_IS_COMPLETE: boolean = false;
+
+const COOKIE = 'gcs-language';
+const YEAR_S = 31_536_000;
+
+/** The language that this page was built in. */
+declare const __LANGUAGE__: Language;
+
+export const readLanguage = (): Language => __LANGUAGE__;
+
+/** Chooses the language of this browser and loads the page again: texts are fixed when the page loads. */
+export function chooseLanguage(language: Language): void {
+  document.cookie = `${COOKIE}=${language}; Path=/; Max-Age=${YEAR_S}; SameSite=Lax`;
+  location.reload();
+}

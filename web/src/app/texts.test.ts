@@ -1,0 +1,125 @@
+/** The texts that are translated, and those that must not be: a wrong one would break a control in another language. */
+
+import { describe, expect, it } from 'vitest';
+import { collect, readSources, translations } from '../../dev/texts/catalog.mjs';
+import { comparedIn, textsOf } from '../../dev/texts/find.mjs';
+import { holesOf, translated } from '../../dev/texts/translate.mjs';
+import { GERMAN_IS_COMPLETE } from './language';
+
+const found = (source: string, file = 'part.ts', compared = comparedIn(source, file)): string[] =>
+  textsOf(source, file, compared).texts.map(({ text }) => text);
+const german = (source: string, texts: Record<string, string>, file = 'part.ts'): string =>
+  translated(source, file, comparedIn(source, file), new Map(Object.entries(texts)));
+
+describe('texts of scripts', () => {
+  it('are sentences, with holes for what is computed', () => {
+    expect(found('const a = `Vehicle ${id} is not armed.`;')).toEqual(['Vehicle {0} is not armed.']);
+    expect(found("const a = 'Hold interrupts the mission.';")).toEqual(['Hold interrupts the mission.']);
+  });
+
+  it('have both words of a choice in the sentence', () => {
+    expect(found("const a = `${n} ${n === 1 ? 'item' : 'items'} left`;")).toEqual(['{0} {1?item:items} left']);
+  });
+
+  it('are single words only as labels and names', () => {
+    expect(found("const row = { label: 'unit', key: 'Speed', type: 'Polygon' };")).toEqual(['unit']);
+    expect(found("const name = 'Battery'; const id = 'battery';")).toEqual(['Battery']);
+  });
+
+  it('are not keys, ids, addresses, headers, styles or names of events', () => {
+    for (const code of [
+      "if (event.key === 'Enter') go();",
+      "switch (key) { case 'Escape': go(); }",
+      "target.addEventListener('Some event', go);",
+      "headers.set('Accept', 'application/json');",
+      "const keys = { 'Shift L': go };",
+      'const name = `Shift ${key.toUpperCase()}`;',
+      'const path = `/vehicles/${id}/arm`;',
+      "const font = '600 12px Inter, system-ui, sans-serif';",
+      "const classes = 'btn-quiet first';",
+      'const move = `translate(${x} ${y})`;',
+      "type Mode = 'Hold mode' | 'Land mode'; const mode: Mode = 'Hold mode';",
+    ])
+      expect(found(code), code).toEqual([]);
+  });
+
+  it('are not words that are compared anywhere', () => {
+    expect(found("const mode = 'Hold'; if (other === 'Hold') go();")).toEqual([]);
+  });
+
+  it('must not decide anything', () => {
+    expect(() => comparedIn("if (row.label === 'Hold') go();", 'part.ts')).toThrow('compare an id');
+  });
+});
+
+describe('texts of markup', () => {
+  it('are whole sentences, over expressions and inline elements', () => {
+    const source = '<p>Press <b>Space</b> to stop {name} and {#if two}both{/if}.</p>';
+    expect(found(source, 'Part.svelte')).toEqual(['Press <0>Space</0> to stop {1} and {2}.', 'both']);
+  });
+
+  it('are also those that a person hears or sees on pointing', () => {
+    expect(found('<button class="a b" aria-label="Stop {name}" title="Stops it" data-x="Some thing">x</button>', 'Part.svelte')).toEqual([
+      'Stop {0}',
+      'Stops it',
+    ]);
+  });
+});
+
+describe('a translation', () => {
+  it('puts holes where its language needs them', () => {
+    expect(german('const a = `Vehicle ${id} at ${place(x)}`;', { 'Vehicle {0} at {1}': 'Bei {1}: Fahrzeug {0}' })).toBe(
+      'const a = `Bei ${place(x)}: Fahrzeug ${id}`;',
+    );
+    expect(german("const a = `${n} ${n === 1 ? 'item' : 'items'} left`;", { '{0} {1?item:items} left': 'noch {0} {1?Element:Elemente}' })).toBe(
+      "const a = `noch ${n} ${n === 1 ? 'Element' : 'Elemente'}`;",
+    );
+    expect(
+      german('<p>Press <b>Space</b> to stop {name}.</p>', { 'Press <0>Space</0> to stop {1}.': '{1} mit der <0>Leertaste</0> anhalten.' }, 'Part.svelte'),
+    ).toBe('<p>{name} mit der <b>Leertaste</b> anhalten.</p>');
+  });
+
+  it('cannot leave its quotes', () => {
+    expect(german("const a = 'Hold now';", { 'Hold now': "Halt' \\ ${x}" })).toBe("const a = 'Halt\\' \\\\ ${x}';");
+    expect(german('const a = `Hold ${x} now`;', { 'Hold {0} now': '`${y}` {0}' })).toBe('const a = `\\`\\${y}\\` ${x}`;');
+    expect(german('<p title="Hold now">Hold now</p>', { 'Hold now': '"{x}<b>' }, 'Part.svelte')).toBe(
+      '<p title="&quot;&#123;x&#125;<b>">"&#123;x&#125;&lt;b></p>',
+    );
+  });
+
+  it('inside another one is translated too', () => {
+    expect(german('const a = `Flies ${far ? `to ${place} now` : why}.`;', { 'Flies {0}.': 'Fliegt {0}.', 'to {0} now': 'jetzt nach {0}' })).toBe(
+      'const a = `Fliegt ${far ? `jetzt nach ${place}` : why}.`;',
+    );
+  });
+});
+
+describe('the German catalogs', () => {
+  const existing = translations('de');
+
+  it('have every hole of their texts, and no other', () => {
+    for (const [text, words] of existing) {
+      const [own, theirs] = [holesOf(text), holesOf(words)];
+      // A choice between two words may be left out where German has one word for both.
+      const needed = [...own].filter((hole) => !text.includes(`${hole}?`));
+      expect(
+        [...theirs].filter((hole) => !own.has(hole)),
+        text,
+      ).toEqual([]);
+      expect(
+        needed.filter((hole) => !theirs.has(hole)),
+        text,
+      ).toEqual([]);
+    }
+  });
+
+  it.skipIf(!GERMAN_IS_COMPLETE)('have every text', () => {
+    const missing = [...collect().areas.values()].flat().filter(({ text }) => !existing.has(text));
+    expect(missing.map(({ text }) => text)).toEqual([]);
+  });
+
+  it('leave every source without a catalog as it is', () => {
+    const { sources, compared } = readSources();
+    for (const [file, source] of sources) expect(translated(source, file, compared, new Map()), file).toBe(source);
+  }, 60_000);
+});
