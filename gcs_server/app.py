@@ -47,6 +47,7 @@ from gcs_server.maps.tiles import Tiles, elevation_fault
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
+from gcs_server.plans.ground_tiles import GroundTiles
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.px4_sitl.runner import read_state
@@ -210,6 +211,7 @@ class Server:
             elevation_tiles=Tiles(
                 clock, folder.cache / "elevation_tiles", "elevation source", elevation_fault
             ),
+            ground_tiles=GroundTiles(clock, self.flights.plan_work, folder.cache / "ground_tiles"),
             logs=Cache(folder.logs, MAX_LOG_BYTES, LOGS_TOTAL_BYTES),
             has_scene=self.scene is not None,
             simulator=self._simulator,
@@ -295,7 +297,7 @@ class Server:
         await self.fleet.close()
         await self.supervisor.close()
         self.flights.progress.close()
-        for tiles in (self.station.map_tiles, self.station.elevation_tiles):
+        for tiles in (self.station.map_tiles, self.station.elevation_tiles, self.station.ground_tiles):
             await tiles.close()
         for sources in (self.station.map_sources, self.station.elevation_sources):
             sources.close()

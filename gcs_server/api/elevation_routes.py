@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import Response
+from fastapi import Path, Response
 from pydantic import Field
 
 from gcs_server.api import plan_models as m
 from gcs_server.api.authorized import authorized_command
+from gcs_server.api.map_routes import MAX_ZOOM, REVALIDATE
 from gcs_server.api.map_source_routes import (
     ChosenSource,
     MapSourceList,
@@ -63,8 +64,35 @@ class GroundRegion(StrictBody):
 async def list_elevation_files(station: StationDep) -> Response:
     """The elevation files in the data folder, in the order in which they are used, and the files that cannot
     be read."""
-    files = await station.flights.plan_work.run("elevation_files", {}, small=False)
-    return json_response({"folder": str(station.flights.plan_work.elevation_folder), **files.values})
+    version, files = await station.ground_tiles.listing()
+    url = None if version is None else f"/api/v1/elevation/tiles/{version}"
+    folder = str(station.flights.plan_work.elevation_folder)
+    return json_response({"folder": folder, "tiles_url": url, **files})
+
+
+@router.get(
+    "/tiles/{version}/{zoom}/{x}/{y}",
+    response_class=Response,
+    responses={
+        200: {"content": {"image/png": {}}},
+        204: {"description": "The ground there is not known, or the zoom is not within 8 to 14."},
+    },
+)
+async def ground_tile(
+    version: Annotated[str, Path(max_length=64)],
+    zoom: Annotated[int, Path(ge=0, le=MAX_ZOOM)],
+    x: Annotated[int, Path(ge=0, lt=1 << MAX_ZOOM)],
+    y: Annotated[int, Path(ge=0, lt=1 << MAX_ZOOM)],
+    station: StationDep,
+) -> Response:
+    """The known ground as a tile of heights (Terrarium, 512 px), y counted from the north, made of the
+    elevation files. Unknown heights beside known ones are as low as the lowest known one of the tile."""
+    current = await station.ground_tiles.version()
+    tile = b"" if current is None else await station.ground_tiles.tile(current, zoom, x, y)
+    headers = {"Cache-Control": "max-age=86400"} if version == current else REVALIDATE
+    if not tile:
+        return Response(status_code=204, headers=headers)
+    return Response(tile, media_type="image/png", headers=headers)
 
 
 @router.get("/sources", response_model=MapSourceList)

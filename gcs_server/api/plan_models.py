@@ -369,6 +369,9 @@ class ElevationFiles(ResponseBody):
 
     folder: str
     """Folder for GeoTIFF (.tif, .tiff) and HGT files."""
+    tiles_url: str | None
+    """Address of tiles of heights of this ground: append `/{zoom}/{x}/{y}`; null: there are no files.
+    Another one after each change of the files."""
     files: list[ElevationFileModel]
     """Files in the order in which they are used: the operator's own, then those saved from tiles; each from
     the finest grid to the coarsest."""

@@ -19,6 +19,7 @@ from gcs_server.maps.sources import MapSources
 from gcs_server.maps.tiles import Tiles
 from gcs_server.mavlink.router import Router
 from gcs_server.operations.operations import Operations
+from gcs_server.plans.ground_tiles import GroundTiles
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.simulator_process import SimulatorProcess
@@ -53,6 +54,7 @@ class Station:
     map_tiles: Tiles
     elevation_sources: MapSources
     elevation_tiles: Tiles
+    ground_tiles: GroundTiles
     logs: Cache
     """The flight logs that were downloaded from vehicles."""
     request_queue: RequestQueue = field(init=False)

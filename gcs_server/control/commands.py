@@ -384,6 +384,7 @@ ALL: tuple[Command, ...] = (
         "GET /map_sources/{s}/{zoom}/{x}/{y}",
         "POST /map_regions/size",
         "GET /elevation/sources",
+        "GET /elevation/tiles/{version}/{zoom}/{x}/{y}",
         "POST /elevation/regions/size",
     ),
     _view(

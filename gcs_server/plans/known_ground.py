@@ -88,7 +88,7 @@ class KnownGround:
 
     async def _read(self, vehicle: Vehicle, lat_deg: float, lon_deg: float, margin_m: float) -> None:
         folder = self._work.elevation_folder
-        files = await asyncio.to_thread(_files_in, folder) if folder.is_dir() else ()
+        files = await asyncio.to_thread(files_in, folder) if folder.is_dir() else ()
         known = self._areas.get(vehicle, ())
         areas = tuple(area for area in known if area.files == files)
         reach_m = HALF_SIDE_M - margin_m
@@ -103,7 +103,8 @@ class KnownGround:
         vehicle.command.floor.grounds = tuple(area.ground for area in areas if area.ground is not None)
 
 
-def _files_in(folder: Path) -> Files:
+def files_in(folder: Path) -> Files:
+    """The elevation files in a folder; blocks."""
     files: list[tuple[str, int, int]] = []
     for path in elevation_files(folder):
         with suppress(OSError):

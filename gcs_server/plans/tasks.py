@@ -584,9 +584,15 @@ def _ground_from_tiles(arguments: Mapping[str, Any]) -> Answer:
     return Answer({})
 
 
+def _ground_tile(arguments: Mapping[str, Any]) -> Answer:
+    from gcs_server.plans import terrain_tasks
+
+    return Answer({}, terrain_tasks.ground_tile(arguments))
+
+
 WITH_ELEVATION = frozenset(
     {
-        "check", "compile", "elevation_files", "follow_ground", "known_ground",
+        "check", "compile", "elevation_files", "follow_ground", "ground_tile", "known_ground",
         "pattern_on_ground",
     }
 )  # fmt: skip
@@ -600,6 +606,7 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
     "elevation_files": _elevation_files,
     "follow_ground": _follow_ground,
     "ground_from_tiles": _ground_from_tiles,
+    "ground_tile": _ground_tile,
     "import": _import,
     "items": _items,
     "insert": _insert,

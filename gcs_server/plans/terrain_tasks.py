@@ -28,6 +28,9 @@ from missions.terrain.profile import PlanGround
 MARGIN_M = 100.0
 """Margin around the positions of a plan [m]."""
 KNOWN_GROUND_CELLS = 200
+GROUND_TILE_PX = 512
+GROUND_TILE_CELLS = 600 * 600
+"""Maximum number of cells that are read for a tile."""
 LONGEST_SIDE_M = 100_000.0
 """Maximum side of a plan's area [m]; longer than any flight of these vehicles."""
 
@@ -136,6 +139,19 @@ def ground_from_tiles(arguments: Mapping[str, Any]) -> None:
     """Writes an elevation file from tiles. Arguments: `tiles` (path of an MBTiles file with one zoom),
     `file` (path of the new file), `attribution`."""
     terrarium.write_file(Path(arguments["tiles"]), Path(arguments["file"]), arguments["attribution"])
+
+
+def ground_tile(arguments: Mapping[str, Any]) -> bytes:
+    """A Terrarium tile of the known ground; empty: no file covers it. Arguments: `zoom`, `x`, `y` (from the
+    north), `elevation` (paths)."""
+    place = arguments["zoom"], arguments["x"], arguments["y"]
+    lats, lons = terrarium.pixel_positions(*place, GROUND_TILE_PX)
+    area = BoundingBox(lons[0, 0], lats[-1, 0], lons[0, -1], lats[0, 0])
+    ground = Elevation.from_files(map(Path, arguments["elevation"])).ground(area, GROUND_TILE_CELLS)
+    if ground is None:
+        return b""
+    heights_m = ground.altitudes_amsl_m(lats.ravel(), lons.ravel()).reshape(lats.shape).astype(np.float32)
+    return b"" if np.isnan(heights_m).all() else terrarium.tile_of(heights_m)
 
 
 def _ground(

@@ -134,9 +134,13 @@ class Elevation:
         files.sort(key=lambda each: (each[1].from_tiles, each[1].spacing_m, each[1].name))
         return cls(tuple(files), tuple(problems))
 
-    def ground(self, area: BoundingBox) -> Ground | None:
+    def ground(self, area: BoundingBox, max_cells: int = MAX_CELLS) -> Ground | None:
         """The ground of an area; each cell is taken from the first file that covers it. None: no file covers
         the area.
+
+        Args:
+            area: the area.
+            max_cells: maximum number of cells of the result; a larger area is read with a coarser grid.
 
         Raises:
             PlanError: a file cannot be read.
@@ -146,7 +150,7 @@ class Elevation:
             return None
         step_deg = math.degrees(min(file.spacing_m for _, file in covering) / EARTH_RADIUS_M)
         width_deg, height_deg = area.east_deg - area.west_deg, area.north_deg - area.south_deg
-        step_deg = max(step_deg, math.sqrt(width_deg * height_deg / MAX_CELLS))
+        step_deg = max(step_deg, math.sqrt(width_deg * height_deg / max_cells))
         grid = _Grid(
             area.west_deg - MARGIN_CELLS * step_deg, area.north_deg + MARGIN_CELLS * step_deg, step_deg,
             2 * MARGIN_CELLS + 1 + math.ceil(height_deg / step_deg),

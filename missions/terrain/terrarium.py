@@ -7,6 +7,7 @@ outside, so a process with limits reads them.
 from __future__ import annotations
 
 import io
+import math
 import os
 import sqlite3
 from contextlib import closing
@@ -22,6 +23,7 @@ from rasterio.windows import Window
 
 from missions.errors import PlanError
 from missions.terrain.files import FROM_TILES, MAX_ALT_AMSL_M
+from missions.terrain.ground import Floats
 
 ZERO = 32768.0
 HALF_WORLD_M = 20_037_508.342789244
@@ -59,14 +61,26 @@ def heights_of(tile: bytes, place: str = "a tile") -> Heights:
 
 
 def tile_of(heights_m: Heights) -> bytes:
-    """The tile with these heights as PNG; without colour where they are unknown."""
-    known = ~np.isnan(heights_m)
-    units = np.round((np.where(known, heights_m, 0.0).astype(np.float64) + ZERO) * 256.0).astype(np.uint32)
-    channels = [units >> 16 & 255, units >> 8 & 255, units & 255, np.where(known, 255, 0)]
-    image = Image.fromarray(np.stack(channels, axis=-1).astype(np.uint8), "RGBA")
+    """The tile with these heights as PNG. Unknown ones are as low as the lowest known one: there is at least
+    one."""
+    lowest_m = float(np.nanmin(heights_m))
+    units = np.round((np.nan_to_num(heights_m, nan=lowest_m).astype(np.float64) + ZERO) * 256.0).astype(
+        np.uint32
+    )
+    channels = [units >> 16 & 255, units >> 8 & 255, units & 255]
     content = io.BytesIO()
-    image.save(content, "PNG", compress_level=4)
+    Image.fromarray(np.stack(channels, axis=-1).astype(np.uint8), "RGB").save(
+        content, "PNG", compress_level=4
+    )
     return content.getvalue()
+
+
+def pixel_positions(zoom: int, x: int, y: int, side: int) -> tuple[Floats, Floats]:
+    """(side, side) latitudes and longitudes [deg] of the middles of a tile's pixels, y counted from the
+    north."""
+    middles = (np.arange(side) + 0.5) / side
+    columns, rows = np.meshgrid((x + middles) / (1 << zoom), (y + middles) / (1 << zoom))
+    return np.degrees(np.arctan(np.sinh(math.pi * (1.0 - 2.0 * rows)))), columns * 360.0 - 180.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from gcs_server.maps import tiles
+from gcs_server.maps.regions import Region
 from gcs_server.plans import ground_regions
 from missions.terrain.files import BoundingBox, Elevation
+from missions.terrain.terrarium import heights_of, pixel_positions
 from tests.support.api_client import api_client
 from tests.support.elevation_files import (
     LAT_DEG,
@@ -40,6 +42,7 @@ def server():
 @pytest.fixture(scope="module")
 def running(tmp_path_factory):
     data = tmp_path_factory.mktemp("data")
+    (data / "elevation").mkdir()
     with api_client(data, path="/api/v1/") as client:
         yield client, data / "elevation"
 
@@ -217,3 +220,27 @@ def test_the_choice_survives_a_restart_apart_from_the_map_source(tmp_path, serve
         assert (unknown["code"], "elevation source" in unknown["detail"]) == ("unknown_map_source", True)
         assert client.delete("elevation/sources/own1").status_code == 204
         assert client.get("elevation/sources").json()["chosen"] is None
+
+
+def test_the_known_ground_is_served_as_tiles_until_a_file_changes(client, source, folder):
+    assert client.get("elevation").json()["tiles_url"] is None
+    write_elevation_file(folder / "hill.tif", HILL)
+    url = client.get("elevation").json()["tiles_url"].removeprefix("/api/v1/")
+    zoom, x, y = next(iter(Region((LON_DEG, LAT_DEG, LON_DEG, LAT_DEG), 13, 13).places()))
+    first = client.get(f"{url}/{zoom}/{x}/{y}")
+    assert (first.status_code, first.headers["content-type"]) == (200, "image/png")
+    assert "max-age" in first.headers["cache-control"]
+    heights_m = heights_of(first.content)
+    expected_m = HILL(*pixel_positions(zoom, x, y, 512))
+    assert heights_m[expected_m > 501.0] == pytest.approx(expected_m[expected_m > 501.0], abs=1.5)
+    started_s = time.monotonic()
+    assert client.get(f"{url}/{zoom}/{x}/{y}").content == first.content
+    assert time.monotonic() - started_s < 0.2, "it is kept"
+    for place in (f"{zoom}/0/0", f"7/{x >> 6}/{y >> 6}", f"15/{x << 2}/{y << 2}", "8/256/0"):
+        assert client.get(f"{url}/{place}").status_code == 204, place
+    write_elevation_file(folder / "hill.tif", flat_elevation(100.0))
+    assert not client.get("elevation").json()["tiles_url"].endswith(url)
+    old = client.get(f"{url}/{zoom}/{x}/{y}")
+    assert old.headers["cache-control"] == "no-cache", "the address of the old file shows the new ground"
+    assert np.median(heights_of(old.content)) == pytest.approx(100.0, abs=0.1)
+    assert len(list((folder.parent / "cache" / "ground_tiles").glob("*.sqlite"))) == 1

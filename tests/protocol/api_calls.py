@@ -18,7 +18,9 @@ from gcs_server.maps.sources import MapSources
 from gcs_server.maps.tiles import Tiles
 from gcs_server.operations.operations import Operations
 from gcs_server.plans import tasks
+from gcs_server.plans.ground_tiles import GroundTiles
 from gcs_server.plans.store import PlanStore
+from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.storage.cache import Cache
@@ -91,6 +93,7 @@ def new_station(testbed, progress=None):
         map_tiles=Tiles(testbed.clock, Path("no tiles")),
         elevation_sources=MapSources(Records(Path("no sources"))),
         elevation_tiles=Tiles(testbed.clock, Path("no tiles")),
+        ground_tiles=GroundTiles(testbed.clock, PlanWork(Path("no elevation")), Path("no tiles")),
         logs=Cache(Path("no logs")),
     )
     return station

@@ -976,6 +976,27 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/elevation/tiles/{version}/{zoom}/{x}/{y}": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Ground Tile
+         * @description The known ground as a tile of heights (Terrarium, 512 px), y counted from the north, made of the
+         *     elevation files. Unknown heights beside known ones are as low as the lowest known one of the tile.
+         */
+        readonly get: operations["ground_tile_api_v1_elevation_tiles__version___zoom___x___y__get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/elevation/sources": {
         readonly parameters: {
             readonly query?: never;
@@ -5513,6 +5534,12 @@ export interface components {
              * @description Folder for GeoTIFF (.tif, .tiff) and HGT files.
              */
             readonly folder: string;
+            /**
+             * Tiles Url
+             * @description Address of tiles of heights of this ground: append `/{zoom}/{x}/{y}`; null: there are no files.
+             *     Another one after each change of the files.
+             */
+            readonly tiles_url: string | null;
             /**
              * Files
              * @description Files in the order in which they are used: the operator's own, then those saved from tiles; each from
@@ -19351,6 +19378,75 @@ export interface operations {
                 content: {
                     readonly "application/json": components["schemas"]["ElevationFiles"];
                 };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly ground_tile_api_v1_elevation_tiles__version___zoom___x___y__get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly version: string;
+                readonly zoom: number;
+                readonly x: number;
+                readonly y: number;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "image/png": unknown;
+                };
+            };
+            /** @description The ground there is not known, or the zoom is not within 8 to 14. */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];

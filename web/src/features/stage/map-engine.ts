@@ -3,7 +3,16 @@
  * module controls MapLibre.
  */
 
-import { addProtocol, LngLatBounds, Map as MapLibre, setWorkerCount, setWorkerUrl, type MapMouseEvent, type StyleSpecification } from 'maplibre-gl';
+import {
+  addProtocol,
+  LngLatBounds,
+  Map as MapLibre,
+  setWorkerCount,
+  setWorkerUrl,
+  type MapMouseEvent,
+  type SourceSpecification,
+  type StyleSpecification,
+} from 'maplibre-gl';
 import workerUrl from 'maplibre-gl/dist/maplibre-gl-worker.mjs?url';
 import { Protocol } from 'pmtiles';
 import { mercator, type MapView, type Pixel, type GeoPosition } from '../../vehicle/geo';
@@ -11,7 +20,7 @@ import idleUrl from './idle-worker.js?url';
 import type { LayerContent } from '../../app/map-layers.svelte';
 import { LayerPainter } from './layer-draw';
 import type { Palette } from './map-draw';
-import { tileLayers, type OfflineMap } from './maps.svelte';
+import { shadeLayer, tileLayers, type OfflineMap } from './maps.svelte';
 
 const RAD = Math.PI / 180;
 const ZOOM = { min: 7, max: 22 } as const;
@@ -39,17 +48,19 @@ export class MapEngine {
 
   /**
    * Throws if the browser has no WebGL.
+   * @param shades the heights of the ground, whose hills are shaded; null: none.
    * @param editable whether the map draws editable layers, which need MapLibre's worker, as tiles do.
    */
   constructor(
     container: HTMLElement,
     private palette: Palette,
     private readonly offlineMaps: readonly OfflineMap[],
+    private readonly shades: SourceSpecification | null,
     readonly editable: boolean,
     events: EngineEvents,
   ) {
     // The worker is loaded from this server: a worker from a blob would need a wider content security policy.
-    setWorkerUrl(new URL(offlineMaps.length > 0 || editable ? workerUrl : idleUrl, location.href).href);
+    setWorkerUrl(new URL(offlineMaps.length > 0 || shades !== null || editable ? workerUrl : idleUrl, location.href).href);
     this.map = new MapLibre({
       container,
       style: mapStyle(palette),
@@ -188,10 +199,14 @@ export class MapEngine {
       if (this.map.getSource(name) === undefined) this.map.addSource(name, offlineMap.source);
       for (const layer of tileLayers(offlineMap, name, this.palette)) this.map.addLayer(layer);
     });
+    if (this.shades === null) return;
+    if (this.map.getSource(SHADES_ID) === undefined) this.map.addSource(SHADES_ID, this.shades);
+    this.map.addLayer(shadeLayer(SHADES_ID, this.palette));
   }
 }
 
 export const BACKGROUND_ID = 'ground';
+const SHADES_ID = 'tiles-shades';
 
 export function mapStyle(palette: Palette): StyleSpecification {
   // No transitions: a slow computer draws too few frames for them.
