@@ -11,6 +11,8 @@
     ├── PlanConflict             another client saved the plan meanwhile
     ├── UnknownRecording         no recording or replay with this name
     ├── RecordingUnusable        a recording that cannot be read
+    ├── UnknownFlight            no file of a flight with this id
+    ├── LogUnusable              a log that cannot be read
     ├── InvalidRequest           the request is invalid; names the field
     ├── NotPermitted             the caller's role does not include the command
     ├── Refused                  a check of this server refused the command; nothing was sent
@@ -155,6 +157,18 @@ class RecordingUnusable(GcsError):
     """Nothing can be read in this recording."""
 
     code = "recording_unusable"
+
+
+class UnknownFlight(GcsError):
+    """No file of a flight has this id."""
+
+    code = "unknown_flight"
+
+
+class LogUnusable(GcsError):
+    """A log cannot be read."""
+
+    code = "log_unusable"
 
 
 class InvalidRequest(GcsError):

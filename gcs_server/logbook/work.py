@@ -1,0 +1,86 @@
+"""Runs tasks on logs in processes of their own, a few at a time."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from gcs_server.errors import InvalidRequest, LogUnusable
+from gcs_server.logbook import tasks
+from gcs_server.operations.fork_server import ForkServer
+from gcs_server.operations.process import WorkerFailed
+from gcs_server.operations.turns import TurnLimits, Turns
+
+COMMAND = (sys.executable, "-m", "gcs_server.logbook.worker")
+MAX_RESULT_BYTES = 32 * 1024 * 1024
+READS = TurnLimits(running=2, running_without_control=1, per_client=4, total=16)
+PLOTS = TurnLimits(running=2, running_without_control=2, per_client=8, total=32)
+"""Plots have turns of their own, so that they do not wait for the reading of another log."""
+
+
+class LogWork:
+    """The tasks of one server.
+
+    Args:
+        in_control: returns whether the client with a key controls a vehicle; its tasks come first.
+    """
+
+    def __init__(self, in_control: Callable[[str], bool] = lambda _: False) -> None:
+        self._processes = ForkServer(COMMAND, MAX_RESULT_BYTES)
+        self._reads = Turns(in_control, READS)
+        self._plots = Turns(in_control, PLOTS)
+
+    async def read(self, path: Path, folder: Path) -> bytes:
+        """Reads a log into a folder of columns; returns its overview as JSON.
+
+        Raises:
+            LogUnusable: the file cannot be read; the text says why.
+            ClientHasTooMany, ServerBusy: too many logs are being read or wait.
+        """
+        async with self._reads.turn():
+            return await self._run("read", {"path": str(path), "folder": str(folder)})
+
+    async def plot(
+        self, folder: Path, fields: Sequence[str], from_s: float | None, to_s: float | None, points: int
+    ) -> bytes:
+        """Values of fields and expressions for a plot, as JSON.
+
+        Raises:
+            InvalidRequest: the log has no such field, or an expression is invalid.
+            LogUnusable: the columns cannot be read.
+            ClientHasTooMany, ServerBusy: too many plots are being read or wait.
+        """
+        arguments = {
+            "folder": str(folder),
+            "fields": list(fields),
+            "from_s": from_s,
+            "to_s": to_s,
+            "points": points,
+        }
+        async with self._plots.turn():
+            return await self._run("plot", arguments)
+
+    def close(self) -> None:
+        """Ends the fork server."""
+        self._processes.close()
+
+    async def _run(self, task: str, arguments: dict[str, Any]) -> bytes:
+        request = msgspec.msgpack.encode((task, arguments))
+        try:
+            fault, body = tasks.answer_from_bytes(await self._processes.run(request))
+        except (WorkerFailed, msgspec.DecodeError, MemoryError) as error:
+            raise LogUnusable(
+                "Reading the log took more memory or time than allowed, or failed.",
+                remedy="Other logs are not affected. Log fewer topics, or shorter flights.",
+            ) from error
+        if fault is None:
+            return body
+        kind, text = fault
+        if kind == "field":
+            sentence = f"{text[:1].upper()}{text[1:]}."
+            raise InvalidRequest("field", sentence, remedy="Take a field of the overview.")
+        raise LogUnusable(text, remedy="Other logs are not affected.")
