@@ -32,6 +32,7 @@ from gcs_server.api.permission import bind_commands, command_of
 from gcs_server.api.principals import principal_of
 from gcs_server.api.schema import bare_app
 from gcs_server.api.station import Station
+from gcs_server.api.user_settings_models import checked_settings
 from gcs_server.clock import Clock, SystemClock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
@@ -65,6 +66,7 @@ from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
 from gcs_server.storage.folder import DataFolder
 from gcs_server.storage.records import Records
+from gcs_server.storage.user_settings import UserSettings
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.process.streams import Streams
@@ -204,6 +206,7 @@ class Server:
             mavlink_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,
             map_sources=MapSources(Records(folder.map_sources)),
+            user_settings=UserSettings(Records(folder.user_settings), checked_settings),
             map_tiles=Tiles(clock, folder.cache / "map_tiles"),
             elevation_sources=MapSources(
                 Records(folder.elevation_sources), USUAL_ELEVATION, "elevation source"
@@ -247,6 +250,7 @@ class Server:
             ("plans", self.flights.progress.warnings),
             ("maps", self.station.map_sources.warnings),
             ("maps", self.station.elevation_sources.warnings),
+            ("settings", self.station.user_settings.warnings),
             ("ros2_settings", self._ros2_settings.warnings),
         ]
         if self.scene is not None:
@@ -263,6 +267,7 @@ class Server:
         self.station.journal.start(self.supervisor)
         for sources in (self.station.map_sources, self.station.elevation_sources):
             await asyncio.to_thread(sources.load)
+        await asyncio.to_thread(self.station.user_settings.load)
         await self.streamer.limits.load()
         await self.flights.load()
         self.router.start()
@@ -301,6 +306,7 @@ class Server:
             await tiles.close()
         for sources in (self.station.map_sources, self.station.elevation_sources):
             sources.close()
+        self.station.user_settings.close()
         self.station.replays.stop()
         await asyncio.to_thread(self.station.topic_inspectors.close)
         await self.router.close()

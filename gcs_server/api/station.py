@@ -24,6 +24,7 @@ from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
+from gcs_server.storage.user_settings import UserSettings
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.fleet import Fleet, Notice
@@ -55,6 +56,7 @@ class Station:
     elevation_sources: MapSources
     elevation_tiles: Tiles
     ground_tiles: GroundTiles
+    user_settings: UserSettings
     logs: Cache
     """The flight logs that were downloaded from vehicles."""
     request_queue: RequestQueue = field(init=False)

@@ -387,6 +387,8 @@ ALL: tuple[Command, ...] = (
         "GET /elevation/tiles/{version}/{zoom}/{x}/{y}",
         "POST /elevation/regions/size",
     ),
+    # of the page only, and each user's own: no vehicle, and nothing that others see
+    _view("settings", "GET /settings", "POST /settings", "PUT /settings"),
     _view(
         "server",
         "GET /health",

@@ -68,6 +68,11 @@ class DataFolder:
         return self.path / "elevation_sources"
 
     @property
+    def user_settings(self) -> Path:
+        """Folder of the page's settings, one file per user."""
+        return self.path / "settings"
+
+    @property
     def cache(self) -> Path:
         """Folder of data that vehicles would send again; may be deleted at any time."""
         return self.path / "cache"

@@ -24,10 +24,11 @@ def url() -> Iterator[str]:
 
 def set_name(page: Page, name: str) -> None:
     page.get_by_title("Who may command this vehicle (C)").click()
+    page.get_by_role("button", name="Change your name…").click()
     name_field = page.get_by_label("Your name, as others see it")
     name_field.fill(name)
     name_field.press("Enter")
-    page.keyboard.press("Escape")
+    page.get_by_role("button", name="Close the settings").click()
     expect(name_field).to_be_hidden()
 
 

@@ -102,7 +102,7 @@ def views_and_panels(page: Page) -> list[tuple[str, Callable[[], None]]]:
 
     keys = {"messages": "n", "values": "v", "readiness": "y", "parameters": "i", "control": "c", "help": "?"}
     keys |= {"vehicles": "j", "guide": "b", "console": "s", "measure": "d", "search": "Control+k"}
-    keys |= {"modes": "Shift+M", "map sources": "Shift+F"}
+    keys |= {"modes": "Shift+M", "map sources": "Shift+F", "settings": "Shift+U"}
     inputs = [(f"view: {name}", input_opener(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
     return [
         ("fly", lambda: None),

@@ -64,6 +64,11 @@ export const BOUNDS = {
     width_m: {"min":0,"max":10000000},
     turnaround_m: {"min":0,"max":10000000},
   },
+  DefaultAltitudes: {
+    takeoff_m: {"min":1,"max":120},
+    go_m: {"min":1,"max":1000},
+    plan_m: {"min":1,"max":1000},
+  },
   DryRunConditions: {
     gusts_m_s: {"min":0,"max":20},
     mass_scale: {"min":0.3,"max":3},
@@ -395,6 +400,9 @@ export const BOUNDS = {
   },
   UploadRequest: {
     version: {"min":1},
+  },
+  UserSettingsFile: {
+    version: {"min":1,"max":1000000},
   },
   type_velocity_body: {
     yaw_ned_rad: {"min":-6.283185307179586,"max":6.283185307179586},

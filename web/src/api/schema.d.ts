@@ -2856,6 +2856,35 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/settings": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Read Settings
+         * @description The settings of a user, also as the file for an export.
+         */
+        readonly get: operations["read_settings_api_v1_settings_get"];
+        /**
+         * Import Settings
+         * @description Replaces all values of a user by those of a file. A file of a newer version, of another kind, or with a
+         *     wrong value is refused, and nothing changes.
+         */
+        readonly put: operations["import_settings_api_v1_settings_put"];
+        /**
+         * Change Settings
+         * @description Sets some values of a user; null: the default again. The other values stay.
+         */
+        readonly post: operations["change_settings_api_v1_settings_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles": {
         readonly parameters: {
             readonly query?: never;
@@ -4340,6 +4369,27 @@ export interface components {
              * @default 0
              */
             readonly turnaround_m: number;
+        };
+        /**
+         * DefaultAltitudes
+         * @description Altitudes above home that the page's forms begin with [m].
+         */
+        readonly DefaultAltitudes: {
+            /**
+             * Takeoff M
+             * @description Of a take-off [m]; default: 10.
+             */
+            readonly takeoff_m?: number | null;
+            /**
+             * Go M
+             * @description Of a flight to a position [m]; default: the present one, or that of a take-off on the ground.
+             */
+            readonly go_m?: number | null;
+            /**
+             * Plan M
+             * @description Of new items in a plan [m]; default: 30.
+             */
+            readonly plan_m?: number | null;
         };
         /**
          * Delay
@@ -15074,6 +15124,37 @@ export interface components {
             readonly while_armed?: boolean;
         };
         /**
+         * Units
+         * @description The unit of each quantity on the page. Requests and answers of the API are always in SI units.
+         */
+        readonly Units: {
+            /**
+             * Height
+             * @description Heights, altitudes, and other lengths of a vehicle's surroundings.
+             */
+            readonly height?: ("m" | "ft") | null;
+            /**
+             * Distance
+             * @description Distances over ground: m and km, ft and mi, or nmi.
+             */
+            readonly distance?: ("m" | "ft" | "nmi") | null;
+            /**
+             * Speed
+             * @description Speed over ground and of the wind.
+             */
+            readonly speed?: ("m/s" | "km/h" | "mph" | "kn") | null;
+            /**
+             * Vertical Speed
+             * @description Climb and descent.
+             */
+            readonly vertical_speed?: ("m/s" | "ft/min") | null;
+            /**
+             * Temperature
+             * @description Temperatures.
+             */
+            readonly temperature?: ("°C" | "°F") | null;
+        };
+        /**
          * UnregisterMode
          * @description The mode to remove.
          */
@@ -15117,6 +15198,115 @@ export interface components {
              * @description Answer only when the plan is uploaded and verified.
              */
             readonly wait?: boolean;
+        };
+        /**
+         * UserSettingValues
+         * @description What a user has set. Missing or null: the page's default.
+         * @example {
+         *       "default_altitudes": {
+         *         "takeoff_m": 20
+         *       },
+         *       "theme": "dark",
+         *       "units": {
+         *         "height": "ft"
+         *       }
+         *     }
+         */
+        readonly UserSettingValues: {
+            /**
+             * Theme
+             * @description Colours of the page; `system`: those of the computer.
+             */
+            readonly theme?: ("system" | "light" | "dark") | null;
+            /**
+             * Language
+             * @description Language of the page (ISO 639); default: the browser's.
+             */
+            readonly language?: string | null;
+            /** @description Units of the page. */
+            readonly units?: components["schemas"]["Units"] | null;
+            /** @description What the page says aloud. */
+            readonly voice?: components["schemas"]["Voice"] | null;
+            /** @description Altitudes that forms begin with. */
+            readonly default_altitudes?: components["schemas"]["DefaultAltitudes"] | null;
+            /**
+             * Single Keys
+             * @description Whether single keys act; default: yes.
+             */
+            readonly single_keys?: boolean | null;
+            /**
+             * Values
+             * @description The values beside the map, in their order.
+             */
+            readonly values?: readonly string[] | null;
+            /**
+             * Param Favourites
+             * @description Names of the parameters that are marked.
+             */
+            readonly param_favourites?: readonly string[] | null;
+            /**
+             * Profile Folded
+             * @description Whether the altitude profile of a plan is folded.
+             */
+            readonly profile_folded?: boolean | null;
+        };
+        /**
+         * UserSettingsFile
+         * @description The settings of a user as a file.
+         * @example {
+         *       "kind": "gcs-settings",
+         *       "settings": {
+         *         "theme": "dark"
+         *       },
+         *       "version": 1
+         *     }
+         */
+        readonly UserSettingsFile: {
+            /**
+             * Kind
+             * @description `gcs-settings`.
+             */
+            readonly kind: string;
+            /**
+             * Version
+             * @description Version of the values; a file of an older version is brought up to date.
+             */
+            readonly version: number;
+            /**
+             * User
+             * @description Whose settings they were; ignored.
+             */
+            readonly user?: string | null;
+            /**
+             * Settings
+             * @description The values, as `POST /settings` takes them.
+             */
+            readonly settings: {
+                readonly [key: string]: unknown;
+            };
+        };
+        /**
+         * UserSettingsView
+         * @description The settings of a user; also the content of an exported file.
+         */
+        readonly UserSettingsView: {
+            /**
+             * Kind
+             * @description `gcs-settings`.
+             */
+            readonly kind: string;
+            /**
+             * Version
+             * @description Version of the values.
+             */
+            readonly version: number;
+            /**
+             * User
+             * @description The user; empty: all who have given no name.
+             */
+            readonly user: string;
+            /** @description The values that were set; all others are the page's defaults. */
+            readonly settings: components["schemas"]["UserSettingValues"];
         };
         /**
          * Vehicle
@@ -15572,6 +15762,42 @@ export interface components {
              * @default 0
              */
             readonly camera: number | null;
+        };
+        /**
+         * Voice
+         * @description What the page says aloud.
+         */
+        readonly Voice: {
+            /**
+             * On
+             * @description Whether it speaks; default: no.
+             */
+            readonly on?: boolean | null;
+            /**
+             * Mode
+             * @description Changes of mode, arming and connection.
+             */
+            readonly mode?: boolean | null;
+            /**
+             * Battery
+             * @description The charge as it falls.
+             */
+            readonly battery?: boolean | null;
+            /**
+             * Distance
+             * @description Distance from home on the way out.
+             */
+            readonly distance?: boolean | null;
+            /**
+             * Warnings
+             * @description Warnings and errors, also failsafes.
+             */
+            readonly warnings?: boolean | null;
+            /**
+             * Tone
+             * @description A tone with warnings and errors, also without a voice; default: no.
+             */
+            readonly tone?: boolean | null;
         };
         /**
          * Wait
@@ -25141,6 +25367,194 @@ export interface operations {
             readonly 429: components["responses"]["Refused429"];
             readonly 431: components["responses"]["Refused431"];
             readonly 503: components["responses"]["Refused503"];
+        };
+    };
+    readonly read_settings_api_v1_settings_get: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description Name of the user; empty: all who have given no name. */
+                readonly user?: string;
+            };
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["UserSettingsView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly import_settings_api_v1_settings_put: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description Name of the user; empty: all who have given no name. */
+                readonly user?: string;
+            };
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["UserSettingsFile"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["UserSettingsView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly change_settings_api_v1_settings_post: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description Name of the user; empty: all who have given no name. */
+                readonly user?: string;
+            };
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["UserSettingValues"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["UserSettingsView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
         };
     };
     readonly list_vehicles_api_v1_vehicles_get: {

@@ -47,7 +47,12 @@ export function loadIdentity(tabStorage: KeyValueStorage, browserStorage: KeyVal
   tabStorage.removeItem(UNLOADED_KEY);
   const id = storedId ?? newId();
   tabStorage.setItem(ID_KEY, id);
-  return { id, key: null, name: browserStorage.getItem(NAME_KEY) ?? defaultName(id) };
+  return { id, key: null, name: chosenName(browserStorage) || defaultName(id) };
+}
+
+/** The name that the person has given in this browser; empty: none. */
+export function chosenName(browserStorage: KeyValueStorage): string {
+  return browserStorage.getItem(NAME_KEY) ?? '';
 }
 
 /** Called when the page unloads, so that the next page in this tab gets the same id. */

@@ -1,7 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { KeyGuard } from './key-targets';
 import { characterOf, isControl, isShortcut, mayRepeat, takesText, hasTypeAhead, type KeyTarget } from './key-targets';
-import { Shortcuts } from './shortcuts.svelte';
 
 const input = (type?: string, more: object = {}): KeyTarget => ({ tagName: 'INPUT', tabIndex: 0, ...(type === undefined ? {} : { type }), ...more });
 const elementWithRole = (role: string): KeyTarget => ({ tagName: 'DIV', tabIndex: 0, getAttribute: (name) => (name === 'role' ? role : null) });
@@ -121,22 +120,5 @@ describe('a key pressed on one control', () => {
     const guard = new KeyGuard<string>();
     expect(guard.blocksKeyDown({ key: 'h', target: 'a', repeat: true })).toBe(false);
     expect(guard.blocksKeyUp({ key: 'h', target: 'b' })).toBe(false);
-  });
-});
-
-describe('single-key shortcuts', () => {
-  it('are enabled until a person switches them off, and the browser stores the setting', () => {
-    const stored = new Map<string, string>();
-    const storage = {
-      getItem: (key: string) => stored.get(key) ?? null,
-      setItem: (key: string, value: string) => void stored.set(key, value),
-      removeItem: (key: string) => void stored.delete(key),
-    };
-    const shortcuts = new Shortcuts(storage);
-    expect(shortcuts.enabled).toBe(true);
-    shortcuts.setEnabled(false);
-    expect(new Shortcuts(storage).enabled).toBe(false);
-    new Shortcuts(storage).setEnabled(true);
-    expect(new Shortcuts(storage).enabled).toBe(true);
   });
 });

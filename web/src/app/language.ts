@@ -19,8 +19,13 @@ declare const __LANGUAGE__: Language;
 
 export const readLanguage = (): Language => __LANGUAGE__;
 
+/** The language of the pages that this browser loads from now on. */
+export function keepLanguage(language: string | null): void {
+  if (language !== null && Object.hasOwn(LANGUAGES, language)) document.cookie = `${COOKIE}=${language}; Path=/; Max-Age=${YEAR_S}; SameSite=Lax`;
+}
+
 /** Chooses the language of this browser and loads the page again: texts are fixed when the page loads. */
 export function chooseLanguage(language: Language): void {
-  document.cookie = `${COOKIE}=${language}; Path=/; Max-Age=${YEAR_S}; SameSite=Lax`;
+  keepLanguage(language);
   location.reload();
 }

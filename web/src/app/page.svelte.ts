@@ -12,7 +12,8 @@ import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../vehicle/offboard';
 import { vehicleFacts, type VehicleFacts } from '../vehicle/facts';
 import { loadFleet, loadHistory } from './backfill';
-import { availableStorage, loadIdentity, markUnloaded, setName } from './identity';
+import { availableStorage, chosenName, loadIdentity, markUnloaded, setName } from './identity';
+import { userSettings } from './settings.svelte';
 
 /** Repaint interval without new data [ms], so that ages and remaining times advance. */
 const QUIET_REPAINT_MS = 200;
@@ -67,6 +68,8 @@ class Page {
         this.store.apply(frame);
         if (frame.type === 'hello') void this.backfill();
         if (frame.type === 'hello') void this.loadKey();
+        if (frame.type === 'hello') void userSettings.synchronize();
+        if (frame.type === 'event') userSettings.hear(frame.event);
         if (frame.type === 'event' && frame.event.kind === 'vehicle_added') void this.backfill(frame.event.vehicle);
         if (frame.type === 'event') for (const listener of this.eventListeners) listener(frame.event);
         for (const listener of this.telemetryListeners) listener();
@@ -98,13 +101,16 @@ class Page {
     return `${scheme}//${location.host}/api/v1${path}?${new URLSearchParams({ client: this.identity.name, client_id: this.identity.id }).toString()}`;
   }
 
-  /** Sets the page's name for all pages of this browser. */
+  /** The name that the person has given; empty: none. */
+  get ownName(): string {
+    return userSettings.user;
+  }
+
+  /** Sets the person's name for all pages of this browser, which then have this person's settings. */
   rename(name: string): void {
-    setName(
-      this.identity,
-      name,
-      availableStorage(() => localStorage),
-    );
+    const storage = availableStorage(() => localStorage);
+    setName(this.identity, name, storage);
+    void userSettings.become(chosenName(storage));
   }
 
   /** Loads this page's key, by which the server's messages identify this client. */
@@ -114,6 +120,7 @@ class Page {
   }
 
   start(): void {
+    userSettings.connect(this.api, chosenName(availableStorage(() => localStorage)));
     this.socket.start();
     window.addEventListener('pagehide', () => markUnloaded(this.tabStorage));
     window.addEventListener('online', () => this.socket.retryNow());

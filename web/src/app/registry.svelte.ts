@@ -78,6 +78,14 @@ export function isOffered(panel: Panel, facts: VehicleFacts | null): boolean {
   return panel.needs === undefined || facts === null || linkSupports(facts, panel.needs);
 }
 
+/** A page of the settings; its code is loaded when it is first shown. */
+export interface SettingsPage {
+  id: string;
+  title: string;
+  order: number;
+  load: () => Promise<{ default: Component }>;
+}
+
 /** A page of the vehicle room; its code is loaded when it is first shown. */
 export interface VehiclePage {
   id: string;
@@ -89,9 +97,9 @@ export interface VehiclePage {
 /**
  * The frame's slots: the top bar's `vehicles` (left), `status` (middle) and `indicators` (right); `notices` in the
  * upper left corner of the stage; the `stage` with map, 3D view and the parts over them; the stage's `bottom` edge,
- * which shows only the first part that applies; the column of `cards` on the right; beside the filter of the `messages`.
+ * which shows only the first part that applies; the column of `cards` on the right; the sections of the `settings`.
  */
-export type SlotName = 'vehicles' | 'status' | 'indicators' | 'notices' | 'stage' | 'bottom' | 'cards' | 'messages';
+export type SlotName = 'vehicles' | 'status' | 'indicators' | 'notices' | 'stage' | 'bottom' | 'cards' | 'settings';
 
 /** Set exactly one of `component` and `vehicleComponent`. */
 export interface Part {
@@ -165,6 +173,7 @@ class Registry {
   rooms: readonly Room[] = [];
   panels: readonly Panel[] = [];
   vehiclePages: readonly VehiclePage[] = [];
+  settingsPages: readonly SettingsPage[] = [];
   /** Ids of the open panels. */
   private openPanels = $state.raw<readonly string[]>([]);
   keys: readonly KeyLine[] = [];
@@ -180,6 +189,10 @@ class Registry {
 
   addVehiclePage(page: VehiclePage): void {
     this.vehiclePages = insertByOrder(this.vehiclePages, page);
+  }
+
+  addSettingsPage(page: SettingsPage): void {
+    this.settingsPages = insertByOrder(this.settingsPages, page);
   }
 
   addPanel(panel: Panel): void {

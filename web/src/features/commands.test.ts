@@ -370,9 +370,10 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   },
 };
 
-/** Requests that change nothing: the server computes or compares, or reads from the vehicle again. */
+/** Requests that change nothing: the server computes or compares, or reads from the vehicle again; and the page's own settings. */
 const COMPUTING = new Set([
   '/elevation/regions/size',
+  '/settings',
   '/map_regions/size',
   '/plans/check',
   '/plans/convert',

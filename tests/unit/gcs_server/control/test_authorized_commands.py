@@ -73,4 +73,5 @@ def test_commands_that_change_a_flight_are_journaled():
         "readiness/check",
         "replays/change",
         "scene",
+        "settings",
     }

@@ -18,6 +18,7 @@ import {
   type GotoTarget,
 } from './actions';
 import type { StreamStart } from '../../vehicle/setpoint';
+import { userSettings } from '../settings.svelte';
 import { acceptanceOf, closingProblem, CommandGate, DOUBLE_CLICK, type Command, type CommandToConfirm, type FixedVehicles, type Given } from './command.svelte';
 import { ConfirmationSlider } from './confirmation';
 
@@ -78,7 +79,8 @@ export class ActionController {
   confirmation = $state.raw<PendingConfirmation | null>(null);
   runningCommands = $state.raw<RunningCommand[]>([]);
   refusals = $state.raw<Partial<Record<PagePart, Refusal>>>({});
-  takeoffAlt_home_m = $state(DEFAULT_TAKEOFF_ALT_HOME_M);
+  /** The take-off altitude that a person has typed; null: none yet. */
+  private typedAlt_home_m = $state<number | null>(null);
   /** Error of the typed altitude; null if it is valid. */
   takeoffProblem = $state<string | null>(null);
   /** Return altitudes that this page has read, by vehicle id. */
@@ -90,6 +92,11 @@ export class ActionController {
   private nextId = 1;
   /** Time at which the last confirmation closed without a key press [s]. */
   private closedWithoutKey_s = -Infinity;
+
+  /** Altitude above home of the next take-off. */
+  get takeoffAlt_home_m(): number {
+    return this.typedAlt_home_m ?? userSettings.get('default_altitudes')?.takeoff_m ?? DEFAULT_TAKEOFF_ALT_HOME_M;
+  }
 
   constructor(
     private readonly api: ApiClient,
@@ -197,7 +204,7 @@ export class ActionController {
     const { min, max } = TAKEOFF_RANGE_M;
     const isValid = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
     this.takeoffProblem = isValid ? null : `Enter an altitude from ${min} to ${max} m above home.`;
-    if (isValid) this.takeoffAlt_home_m = alt_home_m;
+    if (isValid) this.typedAlt_home_m = alt_home_m;
     if (this.confirmation === null) return;
     this.confirmation.slider.blocked = !isValid;
     this.confirmation.slider.restartExpiry(this.nowS());

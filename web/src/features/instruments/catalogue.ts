@@ -255,16 +255,9 @@ export const DEFAULT_IDS: readonly string[] = [
   'local_position.position_ned_m.1',
 ];
 
-/** The ids of the stored choice that exist in the catalogue; the default ids if no valid choice is stored. */
-export function readChoice(stored: string | null): string[] {
-  try {
-    const raw: unknown = JSON.parse(stored ?? 'null');
-    if (!Array.isArray(raw)) return [...DEFAULT_IDS];
-    const knownIds = raw.filter((id): id is string => typeof id === 'string' && QUANTITIES_BY_ID.has(id));
-    return [...new Set(knownIds)];
-  } catch {
-    return [...DEFAULT_IDS];
-  }
+/** The chosen ids that exist in the catalogue; the default ids if none were chosen. */
+export function readChoice(chosenIds: readonly string[] | null): readonly string[] {
+  return chosenIds === null ? DEFAULT_IDS : [...new Set(chosenIds.filter((id) => QUANTITIES_BY_ID.has(id)))];
 }
 
 /** The list with one element moved to another index. */

@@ -1,21 +1,13 @@
-/** The values on the grid and their order, as chosen by the person; the browser stores them. */
+/** The values on the grid and their order, as chosen by the person; a setting of the user. */
 
-import { QUANTITIES_BY_ID, moveItem, readChoice, DEFAULT_IDS } from './catalogue';
+import { userSettings } from '../../app/settings.svelte';
+import { QUANTITIES_BY_ID, moveItem, readChoice } from './catalogue';
 
-const STORAGE_KEY = 'gcs-values';
 /** More values would push the other cards off the screen. */
 export const MAX_VALUES = 18;
 
-function storedIds(): string | null {
-  try {
-    return localStorage.getItem(STORAGE_KEY);
-  } catch {
-    return null; // storage is disabled
-  }
-}
-
 class ValueChoice {
-  ids = $state.raw<readonly string[]>(readChoice(storedIds()));
+  readonly ids: readonly string[] = $derived(readChoice(userSettings.get('values')));
   editing = $state(false);
 
   add(id: string): void {
@@ -31,16 +23,11 @@ class ValueChoice {
   }
 
   reset(): void {
-    this.store([...DEFAULT_IDS]);
+    userSettings.set('values', null);
   }
 
   private store(ids: readonly string[]): void {
-    this.ids = ids;
-    try {
-      localStorage.setItem(STORAGE_KEY, JSON.stringify(ids));
-    } catch {
-      // storage is disabled: the choice applies until the page closes
-    }
+    userSettings.set('values', [...ids]);
   }
 }
 

@@ -6,6 +6,7 @@ import type { ApiClient, Outcome } from '../../api/client';
 import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { service } from '../../app/services';
+import { userSettings } from '../../app/settings.svelte';
 import type { Pixel } from '../../vehicle/geo';
 import { gimbalKey, gimbalParams } from '../../vehicle/gimbal';
 import { isTargetActive, type RequestedTarget, type RequestedTargets } from './map-model';
@@ -43,7 +44,8 @@ export class MapPointMenu {
     if (facts === null) return;
     const home = homeAmsl_m(facts);
     if (this.mapPoint === null || this.vehicle !== facts.id) this.isAltitudeChosen = false;
-    if (!this.isAltitudeChosen) this.goto_home_m = suggestedGoAlt_home_m(facts, mapPoint, this.actions.takeoffAlt_home_m);
+    if (!this.isAltitudeChosen)
+      this.goto_home_m = suggestedGoAlt_home_m(facts, mapPoint, this.actions.takeoffAlt_home_m, userSettings.get('default_altitudes')?.go_m ?? null);
     this.point_home_m = mapPoint.ground_amsl_m === null || home === null ? 0 : roundToTenth(mapPoint.ground_amsl_m - home);
     this.actions.dismissRefusal('stage');
     if (this.actions.confirmation?.pagePart === 'stage') this.actions.cancelConfirmation();

@@ -57,8 +57,9 @@ function ground_home_m(facts: VehicleFacts, { ground_amsl_m }: MapPoint): number
  * Altitude above home that the menu offers to fly to [m]: the vehicle's altitude, or on the ground the take-off altitude, but
  * never below the ground at the point.
  */
-export function suggestedGoAlt_home_m(facts: VehicleFacts, mapPoint: MapPoint, takeoffAlt_home_m: number): number {
-  const alt_home_m = facts.inAir ? (facts.globalPosition?.value.alt_home_m ?? takeoffAlt_home_m) : takeoffAlt_home_m;
+export function suggestedGoAlt_home_m(facts: VehicleFacts, mapPoint: MapPoint, takeoffAlt_home_m: number, usualAlt_home_m: number | null = null): number {
+  const alt_home_m =
+    usualAlt_home_m !== null ? usualAlt_home_m : facts.inAir ? (facts.globalPosition?.value.alt_home_m ?? takeoffAlt_home_m) : takeoffAlt_home_m;
   const ground_m = ground_home_m(facts, mapPoint);
   return Math.round(10 * (ground_m === null ? alt_home_m : Math.max(alt_home_m, ground_m + MIN_GO_HEIGHT_M))) / 10;
 }

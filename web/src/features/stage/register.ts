@@ -25,6 +25,7 @@ provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
 registry.addPanel({ id: 'map-sources', order: 13, place: 'side', load: async () => ({ component: (await import('./SourcesPanel.svelte')).default }) });
 registry.addPanel({ id: 'measure', order: 14, place: 'side', load: async () => ({ component: (await import('./MeasurePanel.svelte')).default }) });
+registry.addTo('settings', { order: 60, load: async () => ({ component: (await import('./MapSection.svelte')).default }) });
 registry.addWarnings(() => maps.unreadableFiles);
 registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.reason}. The page tries again; the map shows the flight.`] : []));
 registry.addCloser({ order: 70, isOpen: () => mapPointMenu.mapPoint !== null, close: () => mapPointMenu.close() });

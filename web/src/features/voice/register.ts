@@ -1,10 +1,10 @@
 import { page } from '../../app/page.svelte';
 import { registry } from '../../app/registry.svelte';
 import { voice } from './voice.svelte';
-import VoiceSwitch from './VoiceSwitch.svelte';
 
+voice.start();
 page.eventListeners.push((event) => voice.take(event));
-registry.addTo('messages', { order: 10, component: VoiceSwitch });
+registry.addTo('settings', { order: 50, load: async () => ({ component: (await import('./VoiceSection.svelte')).default }) });
 registry.addKeys([
   {
     order: 171,

@@ -1,66 +1,56 @@
 /** Says changes of the selected vehicle, and severe messages of all, by the browser's speech synthesis. Off until chosen. */
 
-import { availableStorage } from '../../app/identity';
 import { page } from '../../app/page.svelte';
+import { userSettings } from '../../app/settings.svelte';
 import type { WireEvent } from '../../live/wire';
-import { heardOf, SAID_OF_ANY, SAID_OF_SELECTED, sentences, type Heard } from './voice';
+import { playTone } from './tone';
+import { heardOf, isSevere, sentences, type Heard } from './voice';
 
-const KEY = 'gcs-voice';
 const PERIOD_MS = 500;
 /** Sentences that may wait; with more, the waiting ones are dropped, because they are no longer news. */
 const MAX_WAITING = 4;
 
 export class Voice {
-  on = $state(false);
+  readonly on = $derived(userSettings.get('voice')?.on === true && this.canSpeak);
   private heard: Heard | null = null;
   private waiting = 0;
-  private timer: ReturnType<typeof setInterval> | undefined;
-
-  constructor(private readonly storage: Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>) {
-    if (storage.getItem(KEY) === 'on') this.start();
-  }
 
   /** Whether this browser can speak. */
   get canSpeak(): boolean {
     return 'speechSynthesis' in globalThis;
   }
 
+  start(): void {
+    setInterval(() => this.listen(), PERIOD_MS);
+  }
+
   toggle(): boolean {
     if (!this.canSpeak) return false;
-    if (this.on) {
-      this.on = false;
-      clearInterval(this.timer);
-      this.storage.removeItem(KEY);
-      speechSynthesis.cancel();
-    } else {
-      this.storage.setItem(KEY, 'on');
-      this.start();
-      this.say('Voice on');
-    }
+    userSettings.change('voice', { on: !this.on });
+    if (this.on) this.say('Voice on');
+    else speechSynthesis.cancel();
     return true;
   }
 
   /** Says a message of a vehicle or of the server. */
   take(event: WireEvent): void {
-    if (!this.on || typeof event.severity !== 'number') return;
+    const choice = userSettings.get('voice');
     const isSelected = event.vehicle === null || event.vehicle === page.selectedId;
-    if (event.severity > (isSelected ? SAID_OF_SELECTED : SAID_OF_ANY)) return;
+    if (!isSevere(event.severity, isSelected)) return;
+    if (choice?.tone === true) playTone();
+    if (!this.on || choice?.warnings === false) return;
     const name = isSelected || event.vehicle === null ? '' : `${page.factsNow(event.vehicle)?.name ?? event.vehicle}: `;
     this.say(`${name}${event.text}`);
   }
 
-  private start(): void {
-    if (!this.canSpeak) return;
-    this.on = true;
-    this.heard = null;
-    this.timer = setInterval(() => this.listen(), PERIOD_MS);
-  }
-
   private listen(): void {
-    const facts = page.selectedId === null ? null : page.factsNow(page.selectedId);
-    if (facts === null) return;
+    const facts = !this.on || page.selectedId === null ? null : page.factsNow(page.selectedId);
+    if (facts === null) {
+      this.heard = null;
+      return;
+    }
     const now = heardOf(facts, this.heard);
-    for (const sentence of sentences(this.heard, now)) this.say(sentence);
+    for (const sentence of sentences(this.heard, now, userSettings.get('voice') ?? {})) this.say(sentence);
     this.heard = now;
   }
 
@@ -78,4 +68,4 @@ export class Voice {
   }
 }
 
-export const voice = new Voice(availableStorage(() => localStorage));
+export const voice = new Voice();

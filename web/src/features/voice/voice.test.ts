@@ -8,6 +8,7 @@ import { heardOf, sentences, type Heard } from './voice';
 stubBrowser();
 vi.stubGlobal('matchMedia', () => ({ matches: false, addEventListener: () => undefined }));
 const { page } = await import('../../app/page.svelte');
+const { userSettings } = await import('../../app/settings.svelte');
 const { Voice } = await import('./voice.svelte');
 
 interface State {
@@ -60,6 +61,16 @@ describe('the voice', () => {
     expect(said({ remaining_percent: 20 }, { remaining_percent: 90 })).toEqual([]); // another battery
   });
 
+  it('says only what is wanted', () => {
+    const heard = (percent: number, mode_label: string, before: Heard | null) =>
+      heardOf(facts({ remaining_percent: percent, mode_label, homeDistance_m: 150 }), before);
+    const [before, now] = [heard(80, 'Hold', null), heard(20, 'Return', null)];
+    const all = ['Return', 'Battery 20 percent'];
+    expect(sentences(before, now)).toEqual(all);
+    expect(sentences(before, now, { mode: false })).toEqual(all.slice(1));
+    expect(sentences(before, now, { battery: false, distance: false })).toEqual(all.slice(0, 1));
+  });
+
   it('says each hundred metres on the way out, once a flight', () => {
     expect(said({}, { homeDistance_m: 99 }, { homeDistance_m: 101 }, { homeDistance_m: 98 }, { homeDistance_m: 102 }, { homeDistance_m: 350 })).toEqual([
       '100 metres from home',
@@ -70,18 +81,12 @@ describe('the voice', () => {
 
 describe('the speaker', () => {
   const spoken: string[] = [];
-  const stored = new Map<string, string>();
-  const storage = {
-    getItem: (key: string) => stored.get(key) ?? null,
-    setItem: (key: string, value: string) => void stored.set(key, value),
-    removeItem: (key: string) => void stored.delete(key),
-  };
   const cancel = vi.fn();
   const message = (severity: number, vehicle: string | null, text: string) => ({ kind: 'event', vehicle, unix_s: 0, severity, text });
 
   beforeEach(() => {
     spoken.length = 0;
-    stored.clear();
+    userSettings.set('voice', null);
     cancel.mockClear();
     vi.useFakeTimers();
     vi.stubGlobal(
@@ -93,21 +98,23 @@ describe('the speaker', () => {
     vi.stubGlobal('speechSynthesis', { speak: ({ text }: { text: string }) => spoken.push(text), cancel });
   });
 
-  it('is silent until it is switched on, which the browser keeps', () => {
-    const voice = new Voice(storage);
+  it('is silent until it is switched on, and says what is wanted', () => {
+    const voice = new Voice();
     voice.take(message(2, null, 'Failsafe activated'));
     expect(spoken).toEqual([]);
     voice.toggle();
     voice.take(message(4, null, 'Failsafe activated'));
     voice.take(message(6, null, 'Landing detected'));
     expect(spoken).toEqual(['Voice on', 'Failsafe activated']);
-    expect(new Voice(storage).on).toBe(true);
+    userSettings.change('voice', { warnings: false });
+    voice.take(message(2, null, 'Failsafe activated'));
+    expect(spoken).toHaveLength(2);
     voice.toggle();
-    expect([voice.on, new Voice(storage).on]).toEqual([false, false]);
+    expect(voice.on).toBe(false);
   });
 
   it('says of other vehicles only errors, with the name', () => {
-    const voice = new Voice(storage);
+    const voice = new Voice();
     voice.toggle();
     vi.spyOn(page, 'factsNow').mockReturnValue({ name: 'Quad 2' } as VehicleFacts);
     voice.take(message(4, '2', 'Low battery'));
@@ -116,7 +123,7 @@ describe('the speaker', () => {
   });
 
   it('drops old sentences rather than being late', () => {
-    const voice = new Voice(storage);
+    const voice = new Voice();
     voice.toggle();
     for (let i = 0; i < 6; i++) voice.take(message(3, null, `${i}`));
     expect(cancel).toHaveBeenCalledOnce();

@@ -7,8 +7,15 @@ const CHARGES_PERCENT = [50, 30, 20, 15, 10, 5];
 /** The distance from home is said at each multiple, on the way out [m]. */
 const DISTANCE_STEP_M = 100;
 /** Least severe MAV_SEVERITY of messages that are said: warnings of the selected vehicle, errors of any. */
-export const SAID_OF_SELECTED = 4;
-export const SAID_OF_ANY = 3;
+const SAID_OF_SELECTED = 4;
+const SAID_OF_ANY = 3;
+
+/** What is said; missing: all. */
+export interface Said {
+  readonly mode?: boolean | null;
+  readonly battery?: boolean | null;
+  readonly distance?: boolean | null;
+}
 
 /** The part of a vehicle's state whose changes are said. */
 export interface Heard {
@@ -38,14 +45,25 @@ export function heardOf(facts: VehicleFacts, before: Heard | null): Heard {
 }
 
 /** Sentences about the changes; none for another vehicle, whose state is only taken over. */
-export function sentences(before: Heard | null, now: Heard): string[] {
+export function sentences(before: Heard | null, now: Heard, wanted: Said = {}): string[] {
   if (before?.id !== now.id) return [];
+  const charge = CHARGES_PERCENT[now.charge - 1];
+  return [
+    ...(wanted.mode === false ? [] : stateSentences(before, now)),
+    ...(wanted.battery === false || now.charge <= before.charge || charge === undefined ? [] : [`Battery ${charge} percent`]),
+    ...(wanted.distance === false || now.steps <= before.steps ? [] : [`${now.steps * DISTANCE_STEP_M} metres from home`]),
+  ];
+}
+
+function stateSentences(before: Heard, now: Heard): string[] {
   const said: string[] = [];
   if (now.lost !== before.lost) said.push(now.lost ? 'Connection lost' : 'Connected');
   if (now.armed !== before.armed && now.armed !== null && before.armed !== null) said.push(now.armed ? 'Armed' : 'Disarmed');
   if (now.mode !== before.mode && now.mode !== null) said.push(now.mode);
-  const charge = CHARGES_PERCENT[now.charge - 1];
-  if (now.charge > before.charge && charge !== undefined) said.push(`Battery ${charge} percent`);
-  if (now.steps > before.steps) said.push(`${now.steps * DISTANCE_STEP_M} metres from home`);
   return said;
+}
+
+/** Whether a message is severe enough to be said. */
+export function isSevere(severity: unknown, isSelected: boolean): boolean {
+  return typeof severity === 'number' && severity <= (isSelected ? SAID_OF_SELECTED : SAID_OF_ANY);
 }

@@ -1,6 +1,7 @@
 /** The document of a waypoint plan (`docs/missions.md`) and the positions of its parts. */
 
 import type { components } from '../../../api/schema';
+import { userSettings } from '../../../app/settings.svelte';
 import type { GeoPosition } from '../../../vehicle/geo';
 
 type Schemas = components['schemas'];
@@ -65,7 +66,10 @@ export const EMPTY_PLAN: Plan = {
   original: null,
 };
 
-export const DEFAULT_ALTITUDE: Altitude = { value_m: 30, reference: 'home' };
+/** Altitude of the first items of a plan. */
+export function defaultAltitude(): Altitude {
+  return { value_m: userSettings.get('default_altitudes')?.plan_m ?? 30, reference: 'home' };
+}
 
 export function isPlaced(item: Item): item is PlacedItem {
   return item.lat_deg !== undefined && item.lon_deg !== undefined && item.altitude !== undefined;
@@ -183,7 +187,7 @@ export function allPositions(plan: Plan): GeoPosition[] {
 /** Altitude for a new item: that of the last flown item before the row, or else of the first flown item, or else the default. */
 export function altitudeForNewItem(plan: Plan, row: number): Altitude {
   const neighbour = plan.items.slice(0, row).reverse().find(isFlownTo) ?? plan.items.find(isFlownTo);
-  const altitude = neighbour?.altitude ?? DEFAULT_ALTITUDE;
+  const altitude = neighbour?.altitude ?? defaultAltitude();
   return { value_m: altitude.value_m, reference: altitude.reference };
 }
 

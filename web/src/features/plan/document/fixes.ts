@@ -1,7 +1,7 @@
 /** Fixes that the page can make for a finding: a changed plan, or null if a person has to decide. Pure functions. */
 
 import type { components } from '../../../api/schema';
-import { DEFAULT_ALTITUDE, isPlaced, flownItems, type PlannedHome, type Plan } from './document';
+import { defaultAltitude, isPlaced, flownItems, type PlannedHome, type Plan } from './document';
 import { insertItem, remove, removeObstacle, removeZone, reorder, setItem } from './edit';
 import { newItem } from './items';
 
@@ -72,7 +72,7 @@ function addTakeoff(plan: Plan): Fix | null {
   const first = flownItems(plan)[0]?.item;
   const position = plan.planned_home ?? first;
   if (position === undefined || position === null) return null;
-  return { text: 'Add a take-off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', position, first?.altitude ?? DEFAULT_ALTITUDE)) };
+  return { text: 'Add a take-off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', position, first?.altitude ?? defaultAltitude())) };
 }
 
 /** Adds a landing at home, or else at the last point. Null: the plan has neither, or ends with a return or an unlimited loiter. */
@@ -81,7 +81,7 @@ function addLanding(plan: Plan): Fix | null {
   const position = plan.planned_home ?? flownItems(plan).at(-1)?.item;
   if (position === undefined || last?.kind === 'return_home' || last?.kind === 'loiter_unlimited') return null;
   const text = plan.planned_home == null ? 'Add a landing at the last point' : 'Add a landing at home';
-  return { text, plan: insertItem(plan, plan.items.length, newItem('land', position, DEFAULT_ALTITUDE)) };
+  return { text, plan: insertItem(plan, plan.items.length, newItem('land', position, defaultAltitude())) };
 }
 
 /** Sets an item's altitude to the limit of the finding. */

@@ -4,7 +4,7 @@ import type { LayerEditor } from '../../../app/map-layers.svelte';
 import { eastNorth, type GeoPosition } from '../../../vehicle/geo';
 import {
   altitudeForNewItem,
-  DEFAULT_ALTITUDE,
+  defaultAltitude,
   EMPTY_PLAN,
   obstaclesOf,
   partRefOf,
@@ -212,7 +212,7 @@ export class PlanEditor implements LayerEditor {
     else if (part.type === 'rally') {
       this.change({
         ...this.plan,
-        rally_points: [...this.plan.rally_points, { lat_deg: position.lat_deg, lon_deg: position.lon_deg, altitude: DEFAULT_ALTITUDE }],
+        rally_points: [...this.plan.rally_points, { lat_deg: position.lat_deg, lon_deg: position.lon_deg, altitude: defaultAltitude() }],
       });
       this.select([`rally:${this.plan.rally_points.length - 1}`]);
       this.stopPlacing();

@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { positionAt } from '../../../vehicle/geo';
 import { AcceptedErrors } from './accepted-errors.svelte';
-import { DEFAULT_ALTITUDE, EMPTY_PLAN } from '../document/document';
+import { defaultAltitude, EMPTY_PLAN } from '../document/document';
 import type { Finding } from '../document/fixes';
 import { comparisonText, differenceText, reportedState, vehiclePlanText, type Comparison } from './vehicle-plan';
 import { newItem } from '../document/items';
@@ -231,7 +231,7 @@ describe('the start of the plan on the vehicle', () => {
   });
 
   it('starts at the item of the chosen row, counted with all items of earlier patterns', () => {
-    const items = [10, 20, 30].map((north_m) => newItem('waypoint', positionAt({ lat_deg: 47.4, lon_deg: 8.5 }, { north_m, east_m: 0 }), DEFAULT_ALTITUDE));
+    const items = [10, 20, 30].map((north_m) => newItem('waypoint', positionAt({ lat_deg: 47.4, lon_deg: 8.5 }, { north_m, east_m: 0 }), defaultAltitude()));
     const plan = { ...EMPTY_PLAN, items: [{ kind: 'complex', items: items.slice(0, 2) } as const, ...items] };
     expect(startBody(plan, false, 2, [], 77)).toEqual({ item: 3, despite: [], mission_id: 77 });
     expect(startBody(plan, false, null, ['fence_crossed'], 0)).toEqual({ item: 0, despite: ['fence_crossed'] });

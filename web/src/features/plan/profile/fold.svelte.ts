@@ -1,19 +1,15 @@
-/** Whether the altitude profile below the map is folded to its heading; kept by the browser. */
+/** Whether the altitude profile below the map is folded to its heading; a setting of the user. */
 
-import { availableStorage } from '../../../app/identity';
+import { userSettings } from '../../../app/settings.svelte';
 
-const KEY = 'gcs.profile-folded';
 /** Height of the folded profile [px]. */
 export const FOLDED_PX = 48;
 
 class ProfileFold {
-  private readonly storage = availableStorage(() => localStorage);
-  isFolded = $state(this.storage.getItem(KEY) === '1');
+  readonly isFolded = $derived(userSettings.get('profile_folded') ?? false);
 
   toggle(): void {
-    this.isFolded = !this.isFolded;
-    if (this.isFolded) this.storage.setItem(KEY, '1');
-    else this.storage.removeItem(KEY);
+    userSettings.set('profile_folded', !this.isFolded);
   }
 }
 

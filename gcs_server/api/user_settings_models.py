@@ -1,0 +1,127 @@
+"""The page's settings of a user: each value may be missing, which is the page's default."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError
+
+from gcs_server.api.strict_body import ResponseBody, StrictBody, example
+from gcs_server.errors import InvalidRequest
+from gcs_server.storage.user_settings import KIND, VERSION
+
+Speed = Literal["m/s", "km/h", "mph", "kn"]
+ShortName = Annotated[str, Field(min_length=1, max_length=64)]
+ParamName = Annotated[str, Field(pattern="^[A-Za-z0-9_]{1,16}$")]
+
+
+class Units(StrictBody):
+    """The unit of each quantity on the page. Requests and answers of the API are always in SI units."""
+
+    height: Literal["m", "ft"] | None = None
+    """Heights, altitudes, and other lengths of a vehicle's surroundings."""
+    distance: Literal["m", "ft", "nmi"] | None = None
+    """Distances over ground: m and km, ft and mi, or nmi."""
+    speed: Speed | None = None
+    """Speed over ground and of the wind."""
+    vertical_speed: Literal["m/s", "ft/min"] | None = None
+    """Climb and descent."""
+    temperature: Literal["°C", "°F"] | None = None
+    """Temperatures."""
+
+
+class Voice(StrictBody):
+    """What the page says aloud."""
+
+    on: bool | None = None
+    """Whether it speaks; default: no."""
+    mode: bool | None = None
+    """Changes of mode, arming and connection."""
+    battery: bool | None = None
+    """The charge as it falls."""
+    distance: bool | None = None
+    """Distance from home on the way out."""
+    warnings: bool | None = None
+    """Warnings and errors, also failsafes."""
+    tone: bool | None = None
+    """A tone with warnings and errors, also without a voice; default: no."""
+
+
+class DefaultAltitudes(StrictBody):
+    """Altitudes above home that the page's forms begin with [m]."""
+
+    takeoff_m: float | None = Field(default=None, ge=1, le=120)
+    """Of a take-off [m]; default: 10."""
+    go_m: float | None = Field(default=None, ge=1, le=1000)
+    """Of a flight to a position [m]; default: the present one, or that of a take-off on the ground."""
+    plan_m: float | None = Field(default=None, ge=1, le=1000)
+    """Of new items in a plan [m]; default: 30."""
+
+
+class UserSettingValues(StrictBody):
+    """What a user has set. Missing or null: the page's default."""
+
+    model_config = example(theme="dark", units={"height": "ft"}, default_altitudes={"takeoff_m": 20})
+
+    theme: Literal["system", "light", "dark"] | None = None
+    """Colours of the page; `system`: those of the computer."""
+    language: Annotated[str, Field(pattern="^[a-z]{2}$")] | None = None
+    """Language of the page (ISO 639); default: the browser's."""
+    units: Units | None = None
+    """Units of the page."""
+    voice: Voice | None = None
+    """What the page says aloud."""
+    default_altitudes: DefaultAltitudes | None = None
+    """Altitudes that forms begin with."""
+    single_keys: bool | None = None
+    """Whether single keys act; default: yes."""
+    values: Annotated[tuple[ShortName, ...], Field(max_length=18)] | None = None
+    """The values beside the map, in their order."""
+    param_favourites: Annotated[tuple[ParamName, ...], Field(max_length=200)] | None = None
+    """Names of the parameters that are marked."""
+    profile_folded: bool | None = None
+    """Whether the altitude profile of a plan is folded."""
+
+
+class UserSettingsFile(StrictBody):
+    """The settings of a user as a file."""
+
+    model_config = example(kind=KIND, version=VERSION, settings={"theme": "dark"})
+
+    kind: str = Field(max_length=40)
+    """`gcs-settings`."""
+    version: int = Field(ge=1, le=1_000_000)
+    """Version of the values; a file of an older version is brought up to date."""
+    user: str | None = Field(default=None, max_length=100)
+    """Whose settings they were; ignored."""
+    settings: dict[str, Any]
+    """The values, as `POST /settings` takes them."""
+
+
+class UserSettingsView(ResponseBody):
+    """The settings of a user; also the content of an exported file."""
+
+    kind: str
+    """`gcs-settings`."""
+    version: int
+    """Version of the values."""
+    user: str
+    """The user; empty: all who have given no name."""
+    settings: UserSettingValues
+    """The values that were set; all others are the page's defaults."""
+
+
+def checked_settings(settings: Mapping[str, object]) -> dict[str, object]:
+    """The settings with their types and bounds checked, without missing values.
+
+    Raises:
+        InvalidRequest: names the first wrong value.
+    """
+    try:
+        values = UserSettingValues.model_validate(settings)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(["settings", *(str(part) for part in first["loc"])])
+        raise InvalidRequest(place, f"{place}: {first['msg']}.") from None
+    return values.model_dump(mode="json", exclude_none=True)
