@@ -43,9 +43,12 @@ from gcs_server.flights.flights import Flights
 from gcs_server.flights.resume import ProgressStore
 from gcs_server.language import language_of
 from gcs_server.links.names import shown_url
+from gcs_server.logbook.library import Library, Removed
+from gcs_server.logbook.logbook import Logbook
+from gcs_server.logbook.work import LogWork
 from gcs_server.maps.sources import USUAL_ELEVATION, MapSources
 from gcs_server.maps.tiles import Tiles, elevation_fault
-from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
+from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_NOTICE
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
 from gcs_server.plans.ground_tiles import GroundTiles
@@ -76,13 +79,10 @@ from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet, Notice
 from gcs_server.vehicle.services.items_cache import ItemsCache
-from gcs_server.vehicle.services.logs import MAX_BYTES as MAX_LOG_BYTES
 
 log = logging.getLogger(__name__)
 
 COMPONENT_ID = 190
-LOGS_TOTAL_BYTES = 4_000_000_000
-"""Size of all downloaded flight logs; then the oldest are deleted."""
 STREAM_COMPONENT_ID = 191
 """Component id of the process that sends setpoints. It needs its own id, because MAVLink frames have one
 sequence number per component."""
@@ -215,13 +215,34 @@ class Server:
                 clock, folder.cache / "elevation_tiles", "elevation source", elevation_fault
             ),
             ground_tiles=GroundTiles(clock, self.flights.plan_work, folder.cache / "ground_tiles"),
-            logs=Cache(folder.logs, MAX_LOG_BYTES, LOGS_TOTAL_BYTES),
+            logbook=self._logbook(settings, clock, folder, authority, replays),
             has_scene=self.scene is not None,
             simulator=self._simulator,
         )
         hub.set_replays_source(replays.all)
         hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)
         self._collect_warnings()
+
+    def _logbook(
+        self, settings: Settings, clock: Clock, folder: DataFolder, authority: Authority, replays: Replays
+    ) -> Logbook:
+        def in_use() -> frozenset[Path]:
+            recorded = (info.recording for info in self.router.links())
+            names = {r.file for r in recorded if r is not None and r.file and r.stopped is None}
+            names |= {replay.recording for replay in replays.all()}
+            return frozenset(folder.recordings / name for name in names)
+
+        def report(removed: Removed) -> None:
+            station = self.station
+            text = f"A flight was deleted to make room: {removed.name} ({removed.bytes / 1e6:.0f} MB)."
+            log.warning(text)
+            self.fleet.events.add("flight_removed", clock.unix_s(), text, severity=MAV_SEVERITY_NOTICE)
+            station.journal.add("server", "flights/delete", None, {}, "ok", text, 0.0)
+
+        library = Library(folder.flight_index, folder.recordings, folder.logs)
+        work = LogWork(authority.controls_any)
+        max_bytes = round(settings.flights_gb * 1e9)
+        return Logbook(clock, library, work, folder.cache / "flights", max_bytes, in_use, report)
 
     def _scene(self, clock: Clock) -> SceneProcess:
         events, result_of = self._events, self.flights.dry_runs.body
@@ -284,6 +305,7 @@ class Server:
         self.streamer.start(self.supervisor)
         self.flights.start()
         self.station.authority.start()
+        self.supervisor.start("room for flights", self.station.logbook.run)
         if self.scene is not None:
             self.supervisor.start("scene", self.scene.run)
         if self._simulator is not None:
@@ -308,6 +330,7 @@ class Server:
             sources.close()
         self.station.user_settings.close()
         self.station.replays.stop()
+        await asyncio.to_thread(self.station.logbook.close)
         await asyncio.to_thread(self.station.topic_inspectors.close)
         await self.router.close()
         self.station.journal.flush()

@@ -120,6 +120,12 @@ def _add_server_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-record", dest="record", action="store_false", default=None)
     parser.add_argument("--no-scene", dest="scene", action="store_false", default=None)
+    parser.add_argument(
+        "--flights-gb",
+        type=float,
+        metavar="GB",
+        help="size of all recordings and logs; then the oldest go (20)",
+    )
     parser.add_argument("--verbose", action="store_true", help="log more")
 
 

@@ -70,6 +70,12 @@ class Settings(BaseModel):
     )
     system_id: int = Field(default=255, ge=1, le=255, description="MAVLink system id of this server.")
     record: bool = Field(default=True, description="Record each link to a tlog in the data folder.")
+    flights_gb: float = Field(
+        default=20.0,
+        ge=0.01,
+        le=100_000,
+        description="Size of all recordings and flight logs [GB]; then the oldest are deleted.",
+    )
     scene: bool = Field(default=True, description="Serve the 3D view.")
     server_silent_limit_s: float = Field(
         default=1.5,

@@ -22,8 +22,8 @@ MAX_SMALL_BODY_BYTES = 65_536
 """Maximum size of a body that contains neither a document nor a file nor setpoints."""
 _PLANS = r"plans(/\w+)?|dry_runs|offboard_missions/start"
 _OF_VEHICLE = r"vehicles/[^/]+/(mission/(upload|compare)|offboard_mission/start|mission_modes/register)"
-DOCUMENT_PATHS = re.compile(rf"/api/v1/({_PLANS}|{_OF_VEHICLE})")
-"""Routes whose body contains a document or a file (`documents.py`)."""
+DOCUMENT_PATHS = re.compile(rf"/api/v1/({_PLANS}|{_OF_VEHICLE}|flights/uploads/[^/]+)")
+"""Routes whose body contains a document (`documents.py`), or a file or a part of one."""
 SETPOINT_PATHS = re.compile(r"/api/v1/(vehicles/[^/]+/offboard/(start|setpoint)|groups(/.+)?)")
 """Routes whose body contains setpoints; a path of 5000 points has 700 kB."""
 LARGE_BODIES = TurnLimits(running=64, running_without_control=32, per_client=8, total=32)

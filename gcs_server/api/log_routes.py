@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from dataclasses import asdict
+from pathlib import Path
 
 from fastapi import Response
 from fastapi.responses import FileResponse
@@ -16,12 +18,21 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.api.strict_body import ResponseBody
-from gcs_server.errors import InvalidRequest
+from gcs_server.errors import InvalidRequest, LogUnusable
 from gcs_server.operations.operations import ReportProgress
 from gcs_server.vehicle.services.logs import FlightLog, LogService
 from gcs_server.vehicle.vehicle import Vehicle
 
 router = Routes(prefix="/vehicles/{v}/logs", tags=["logs"], responses=RESPONSES)
+
+
+class DownloadedLog(ResponseBody):
+    """A log that was downloaded to the server."""
+
+    file: str
+    """Name of the file, for `GET …/logs/{file}`."""
+    flight: str
+    """Id of the file, for `GET /flights/{f}`."""
 
 
 class LogView(ResponseBody):
@@ -33,8 +44,8 @@ class LogView(ResponseBody):
     """Its last change, normally its end [s since 1970 UTC]; null: the vehicle did not know the time."""
     size_bytes: int
     """Size [bytes]."""
-    downloaded: str | None
-    """Name of the file on the server, for `GET …/logs/{file}`; null: not downloaded."""
+    downloaded: DownloadedLog | None
+    """The file on the server; null: not downloaded."""
 
 
 class LogList(ResponseBody):
@@ -49,9 +60,14 @@ def _file_name(vehicle: Vehicle, log: FlightLog) -> str:
     return f"vehicle-{vehicle_id}-{log.ended_unix_s or 0:.0f}-{log.number}-{log.size_bytes}.ulg"
 
 
-async def _found(station: Station, vehicle: Vehicle, log: FlightLog) -> str | None:
+async def _found(station: Station, vehicle: Vehicle, log: FlightLog) -> dict[str, str] | None:
     name = _file_name(vehicle, log)
-    return name if await asyncio.to_thread(station.logs.find, name) is not None else None
+    path = await asyncio.to_thread(station.logbook.library.downloaded_path, name)
+    return None if path is None else await _downloaded(station, path)
+
+
+async def _downloaded(station: Station, path: Path) -> dict[str, str]:
+    return {"file": path.name, "flight": await station.logbook.id_of(path)}
 
 
 @router.get("", response_model=LogList)
@@ -70,8 +86,9 @@ async def list_logs(vehicle: VehicleDep, station: StationDep) -> Response:
     responses={202: {"model": OperationModel, "description": "The log is being downloaded."}},
 )
 async def download(v: str, number: int, station: StationDep, principal: PrincipalDep) -> Response:
-    """Downloads a log to the server: an operation, which can be followed and cancelled. Its result is the
-    `file` for `GET …/logs/{file}`. Refused while the vehicle is armed; ends when it is armed."""
+    """Downloads a log to the server, and reads it: an operation, which can be followed and cancelled. Its
+    result has the `file` for `GET …/logs/{file}` and the id `flight` for `GET /flights/{f}`. Refused while
+    the vehicle is armed; ends when it is armed."""
     with authorized_command(station, principal, "logs/download", v, {"number": number}):
         vehicle = station.fleet.get(v)
         service = vehicle.service(LogService)
@@ -89,8 +106,12 @@ async def download(v: str, number: int, station: StationDep, principal: Principa
 
             content = await service.download(log, progress)
             name = _file_name(vehicle, log)
-            await asyncio.to_thread(station.logs.write, name, content)
-            return {"file": name, "size_bytes": len(content)}
+            path = await asyncio.to_thread(station.logbook.library.write_downloaded, name, content)
+            downloaded = await _downloaded(station, path)
+            report("Received. The log is being read.", 1.0)
+            with contextlib.suppress(LogUnusable):  # the list of flights then says why
+                await station.logbook.overview(downloaded["flight"])
+            return {**downloaded, "size_bytes": len(content)}
 
         operation = station.operations.start(
             "logs/download",
@@ -107,7 +128,7 @@ async def download(v: str, number: int, station: StationDep, principal: Principa
 @router.get("/{file}", response_class=FileResponse)
 async def log_file(v: str, file: str, station: StationDep) -> Response:
     """A downloaded log (ULog)."""
-    path = await asyncio.to_thread(station.logs.find, file)
+    path = await asyncio.to_thread(station.logbook.library.downloaded_path, file)
     if path is None:
         raise InvalidRequest("file", f"The server has no log {file!r}.", remedy="Download it first.")
     return FileResponse(path, media_type="application/octet-stream", filename=file)

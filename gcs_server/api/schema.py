@@ -39,6 +39,7 @@ TAGS = (
     "camera",
     "parameters",
     "logs",
+    "flights",
     "recordings",
     "operations",
     "plans",

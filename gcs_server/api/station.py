@@ -15,6 +15,7 @@ from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.flights.flights import Flights
+from gcs_server.logbook.logbook import Logbook
 from gcs_server.maps.sources import MapSources
 from gcs_server.maps.tiles import Tiles
 from gcs_server.mavlink.router import Router
@@ -23,7 +24,6 @@ from gcs_server.plans.ground_tiles import GroundTiles
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.simulator_process import SimulatorProcess
-from gcs_server.storage.cache import Cache
 from gcs_server.storage.user_settings import UserSettings
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.telemetry.hub import Hub
@@ -57,8 +57,8 @@ class Station:
     elevation_tiles: Tiles
     ground_tiles: GroundTiles
     user_settings: UserSettings
-    logs: Cache
-    """The flight logs that were downloaded from vehicles."""
+    logbook: Logbook
+    """The files of flights, among them the logs that were downloaded from vehicles."""
     request_queue: RequestQueue = field(init=False)
     large_setpoints: LargeSetpoints = field(init=False)
     has_scene: bool = False

@@ -300,6 +300,20 @@ ALL: tuple[Command, ...] = (
     Command("replays/open", "replay", ("POST /replays",)),
     Command("replays/change", "replay", ("POST /replays/{name}",), journaled=False),
     Command("replays/close", "replay", ("DELETE /replays/{name}",)),
+    Command("flights/add", "replay", ("POST /flights/uploads",)),
+    Command(
+        "flights/add_part",
+        "replay",
+        ("POST /flights/uploads/{u}", "DELETE /flights/uploads/{u}"),
+        journaled=False,
+    ),
+    Command(
+        "flights/delete",
+        "replay",
+        ("DELETE /flights/{f}",),
+        confirmed=True,
+        confirm_text="flight {flight} is deleted",
+    ),
     # plans
     Command("plans/create", "plan", ("POST /plans",)),
     Command("plans/save", "plan", ("PUT /plans/{plan}",)),
@@ -374,6 +388,10 @@ ALL: tuple[Command, ...] = (
         "GET /replays",
         "GET /replays/{name}",
         "GET /replays/{name}/index",
+        "GET /flights",
+        "GET /flights/{f}",
+        "GET /flights/{f}/file",
+        "GET /flights/{f}/series",
     ),
     _view(
         "maps",

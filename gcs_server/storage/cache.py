@@ -34,11 +34,6 @@ class Cache:
         self._max_bytes = max_bytes
         self._max_total_bytes = max_total_bytes
 
-    def find(self, name: str) -> Path | None:
-        """Path of a file; None if it is missing or its name is not valid."""
-        path = self._folder / name
-        return path if _NAME_PATTERN.fullmatch(name) and path.is_file() else None
-
     def read(self, name: str) -> bytes | None:
         """Content of a file; None if it is missing or unreadable."""
         path = self._path(name)
@@ -64,7 +59,8 @@ class Cache:
             self._path(name).unlink()
 
     def _prune(self) -> None:
-        files = sorted(((p, p.stat()) for p in self._folder.iterdir()), key=lambda f: f[1].st_mtime)
+        paths = [path for path in self._folder.iterdir() if path.is_file()]
+        files = sorted(((path, path.stat()) for path in paths), key=lambda f: f[1].st_mtime)
         count, size = len(files), sum(status.st_size for _, status in files)
         for path, status in files:
             if count <= MAX_FILES and size <= self._max_total_bytes:

@@ -79,8 +79,13 @@ class DataFolder:
 
     @property
     def logs(self) -> Path:
-        """Folder of the flight logs that were downloaded from vehicles."""
+        """Folder of the flight logs that were downloaded from vehicles, or added by people."""
         return self.path / "logs"
+
+    @property
+    def flight_index(self) -> Path:
+        """Index of recordings and logs; made again if it is lost."""
+        return self.path / "flights.sqlite"
 
     @property
     def elevation(self) -> Path:

@@ -12,8 +12,11 @@ from gcs_server.api.station import Station
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.control.principal import Principal
-from gcs_server.errors import InvalidRequest
+from gcs_server.errors import InvalidRequest, LogUnusable
 from gcs_server.flights.flights import Flights
+from gcs_server.logbook.library import Library
+from gcs_server.logbook.logbook import Logbook
+from gcs_server.logbook.work import LogWork
 from gcs_server.maps.sources import MapSources
 from gcs_server.maps.tiles import Tiles
 from gcs_server.operations.operations import Operations
@@ -23,8 +26,8 @@ from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
-from gcs_server.storage.cache import Cache
 from gcs_server.storage.records import Records
+from gcs_server.storage.user_settings import UserSettings
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
@@ -94,9 +97,23 @@ def new_station(testbed, progress=None):
         elevation_sources=MapSources(Records(Path("no sources"))),
         elevation_tiles=Tiles(testbed.clock, Path("no tiles")),
         ground_tiles=GroundTiles(testbed.clock, PlanWork(Path("no elevation")), Path("no tiles")),
-        logs=Cache(Path("no logs")),
+        user_settings=UserSettings(Records(Path("no settings")), lambda values: values),
+        logbook=logbook_in(testbed.clock, Path("no logs")),
     )
     return station
+
+
+class NoLogWork(LogWork):
+    """Reads no log: simulated time does not wait for a process."""
+
+    async def read(self, path, folder):
+        raise LogUnusable("No log is read here.")
+
+
+def logbook_in(clock, folder):
+    """A logbook with this folder of logs."""
+    library = Library(folder / "index.sqlite", folder / "recordings", folder / "logs")
+    return Logbook(clock, library, NoLogWork(), folder / "cache", 10**9, frozenset, lambda _: None)
 
 
 def journal_entries(station):

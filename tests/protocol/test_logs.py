@@ -8,10 +8,9 @@ import pytest
 
 from gcs_server.api import log_routes
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, Refused
-from gcs_server.storage.cache import Cache
 from gcs_server.vehicle.services import logs as log_service
 from gcs_server.vehicle.services.logs import FlightLog, LogService
-from tests.protocol.api_calls import ANNA, journal_entries, json_of, run_with_routes
+from tests.protocol.api_calls import ANNA, journal_entries, json_of, logbook_in, run_with_routes
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
@@ -148,7 +147,7 @@ def test_a_downloaded_log_is_kept_on_the_server(run_simulated, tmp_path, monkeyp
 
     async def scenario(rig):
         station = rig.station
-        station.logs = Cache(tmp_path)
+        station.logbook = logbook_in(station.clock, tmp_path)
         (listed,) = json_of(await log_routes.list_logs(rig.vehicle, station))["logs"]
         assert (listed["number"], listed["downloaded"]) == (3, None)
         for number, state in ((3, "succeeded"), (4, "failed")):
@@ -157,9 +156,13 @@ def test_a_downloaded_log_is_kept_on_the_server(run_simulated, tmp_path, monkeyp
                 await station.operations.wait(operation["id"])
             assert station.operations.get(operation["id"]).state == state
         (listed,) = json_of(await log_routes.list_logs(rig.vehicle, station))["logs"]
-        file = await log_routes.log_file("1", listed["downloaded"], station)
-        assert files_in(tmp_path) == {listed["downloaded"]: content}
-        assert file.path == tmp_path / listed["downloaded"]
+        name = listed["downloaded"]["file"]
+        file = await log_routes.log_file("1", name, station)
+        assert files_in(tmp_path / "logs") == {name: content}
+        assert file.path == tmp_path / "logs" / name
+        (flight,) = await station.logbook.files()
+        assert (flight.id, flight.source) == (listed["downloaded"]["flight"], "vehicle")
+        assert flight.summary == {"problem": "No log is read here."}
         for name in ("../secret", "missing.ulg"):
             with pytest.raises(InvalidRequest):
                 await log_routes.log_file("1", name, station)

@@ -236,6 +236,9 @@ export const BOUNDS = {
   NewMapSource: {
     max_zoom: {"min":0,"max":24},
   },
+  NewUpload: {
+    bytes: {"min":1,"max":512000000},
+  },
   format_offboard_gcs_mission: {
     minimum_separation_m: {"min":1,"max":100},
   },

@@ -1103,6 +1103,136 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/flights": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * List Flights
+         * @description All recordings and logs, newest first, and what was deleted to make room.
+         */
+        readonly get: operations["list_flights_api_v1_flights_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/flights/uploads": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Begin Upload
+         * @description Begins to add a log from elsewhere (`.ulg`, `.tlog`, `.tlog.gz`); its bytes follow in parts.
+         */
+        readonly post: operations["begin_upload_api_v1_flights_uploads_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/flights/uploads/{u}": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Add Part
+         * @description Adds the next part of a log, of at most `part_bytes`. The last part gives the id of the flight.
+         */
+        readonly post: operations["add_part_api_v1_flights_uploads__u__post"];
+        /**
+         * Cancel Upload
+         * @description Drops an incomplete log.
+         */
+        readonly delete: operations["cancel_upload_api_v1_flights_uploads__u__delete"];
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/flights/{f}": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Flight
+         * @description What a log has: topics and fields, modes, parameters, messages. The first request reads the log, which
+         *     takes seconds, as an operation that can be followed and cancelled. A cancelled operation gives 409.
+         */
+        readonly get: operations["show_flight_api_v1_flights__f__get"];
+        readonly put?: never;
+        readonly post?: never;
+        /**
+         * Delete Flight
+         * @description Deletes a recording or log on the server; refused while it is being recorded or replayed.
+         */
+        readonly delete: operations["delete_flight_api_v1_flights__f__delete"];
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/flights/{f}/file": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Flight File
+         * @description The file itself.
+         */
+        readonly get: operations["flight_file_api_v1_flights__f__file_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/flights/{f}/series": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Flight Series
+         * @description Values for a plot: of each field all samples of the window, or the extremes of each of many short
+         *     times, so that every peak stays.
+         */
+        readonly get: operations["flight_series_api_v1_flights__f__series_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/gimbal/setup": {
         readonly parameters: {
             readonly query?: never;
@@ -1270,8 +1400,9 @@ export interface paths {
         readonly put?: never;
         /**
          * Download
-         * @description Downloads a log to the server: an operation, which can be followed and cancelled. Its result is the
-         *     `file` for `GET …/logs/{file}`. Refused while the vehicle is armed; ends when it is armed.
+         * @description Downloads a log to the server, and reads it: an operation, which can be followed and cancelled. Its
+         *     result has the `file` for `GET …/logs/{file}` and the id `flight` for `GET /flights/{f}`. Refused while
+         *     the vehicle is armed; ends when it is armed.
          */
         readonly post: operations["download_api_v1_vehicles__v__logs__number__download_post"];
         readonly delete?: never;
@@ -4672,6 +4803,22 @@ export interface components {
             readonly wait?: boolean;
         };
         /**
+         * DownloadedLog
+         * @description A log that was downloaded to the server.
+         */
+        readonly DownloadedLog: {
+            /**
+             * File
+             * @description Name of the file, for `GET …/logs/{file}`.
+             */
+            readonly file: string;
+            /**
+             * Flight
+             * @description Id of the file, for `GET /flights/{f}`.
+             */
+            readonly flight: string;
+        };
+        /**
          * DownloadedPlan
          * @description The plan that was last downloaded from a vehicle.
          */
@@ -5901,6 +6048,188 @@ export interface components {
              * @description Step of an offboard mission: `step 3`, `step 4.2`.
              */
             readonly step: string | null;
+        };
+        /**
+         * FlightFile
+         * @description A recording or a log.
+         */
+        readonly FlightFile: {
+            /**
+             * Id
+             * @description Id of the file.
+             */
+            readonly id: string;
+            /**
+             * Name
+             * @description Name of the file.
+             */
+            readonly name: string;
+            /**
+             * Source
+             * @description Recorded by the server, downloaded from a vehicle, or added by a person.
+             * @enum {string}
+             */
+            readonly source: "recording" | "vehicle" | "file";
+            /**
+             * Kind
+             * @description Kind of the log.
+             * @enum {string}
+             */
+            readonly kind: "ulog" | "tlog";
+            /**
+             * Bytes
+             * @description Size.
+             */
+            readonly bytes: number;
+            /**
+             * Added Unix S
+             * @description When the server first found the file [s since 1970 UTC].
+             */
+            readonly added_unix_s: number;
+            /**
+             * Start Unix S
+             * @description Start of the log [s since 1970 UTC]; null: not known, or not read yet.
+             */
+            readonly start_unix_s: number | null;
+            /**
+             * Duration S
+             * @description Duration [s]; null: not read yet.
+             */
+            readonly duration_s: number | null;
+            /**
+             * Vehicles
+             * @description System ids of the vehicles, as far as they are known.
+             */
+            readonly vehicles: readonly string[];
+            /**
+             * Firmware
+             * @description The vehicle's firmware; null: not known, or not read yet.
+             */
+            readonly firmware: string | null;
+            /**
+             * Problem
+             * @description What of the file is damaged, or why it cannot be read; null: nothing is known to be wrong.
+             */
+            readonly problem: string | null;
+            /**
+             * Running
+             * @description Whether it is still being recorded.
+             */
+            readonly running: boolean;
+            /**
+             * Read
+             * @description Whether the log has been read in its present version.
+             */
+            readonly read: boolean;
+        };
+        /**
+         * FlightList
+         * @description All files of flights.
+         */
+        readonly FlightList: {
+            /**
+             * Flights
+             * @description The newest first.
+             */
+            readonly flights: readonly components["schemas"]["FlightFile"][];
+            /**
+             * Total Bytes
+             * @description Size of all files.
+             */
+            readonly total_bytes: number;
+            /**
+             * Max Bytes
+             * @description Limit of this size (`--flights-gb`); then the oldest are deleted.
+             */
+            readonly max_bytes: number;
+            /**
+             * Removed
+             * @description The last files that were deleted to make room, the newest removal first.
+             */
+            readonly removed: readonly components["schemas"]["RemovedFlight"][];
+        };
+        /**
+         * FlightOverview
+         * @description What a log has.
+         */
+        readonly FlightOverview: {
+            /**
+             * Kind
+             * @description Kind of the log.
+             * @enum {string}
+             */
+            readonly kind: "ulog" | "tlog";
+            /**
+             * Start Unix S
+             * @description Start [s since 1970 UTC]; null: the vehicle did not know the time.
+             */
+            readonly start_unix_s: number | null;
+            /**
+             * Duration S
+             * @description Duration [s].
+             */
+            readonly duration_s: number;
+            /**
+             * Firmware
+             * @description The vehicle's firmware; null: not known.
+             */
+            readonly firmware: string | null;
+            /**
+             * Hardware
+             * @description The vehicle's board; null: not known.
+             */
+            readonly hardware: string | null;
+            /**
+             * Vehicles
+             * @description The vehicles of the log.
+             */
+            readonly vehicles: readonly components["schemas"]["LogVehicle"][];
+            /**
+             * Topics
+             * @description Topics with their fields, by name.
+             */
+            readonly topics: readonly components["schemas"]["LogTopic"][];
+            /**
+             * Parameters
+             * @description Parameters at the start, by name.
+             */
+            readonly parameters: readonly components["schemas"]["LogParameter"][];
+            /**
+             * Parameter Changes
+             * @description Later changes.
+             */
+            readonly parameter_changes: readonly components["schemas"]["LogParameterChange"][];
+            /**
+             * Messages
+             * @description Messages, oldest first.
+             */
+            readonly messages: readonly components["schemas"]["LogMessage"][];
+            /**
+             * Messages Left Out
+             * @description Messages left out because there are too many; the least severe.
+             */
+            readonly messages_left_out: number;
+            /**
+             * Dropouts
+             * @description Gaps in the log.
+             */
+            readonly dropouts: readonly components["schemas"]["LogDropout"][];
+            /**
+             * Problems
+             * @description What of the log is damaged or left out, as sentences.
+             */
+            readonly problems: readonly string[];
+        };
+        /**
+         * FlightSeries
+         * @description Values for a plot.
+         */
+        readonly FlightSeries: {
+            /**
+             * Series
+             * @description In the order of the request.
+             */
+            readonly series: readonly components["schemas"]["LogSeries"][];
         };
         /**
          * FlownMission
@@ -8636,6 +8965,43 @@ export interface components {
             readonly value: components["schemas"]["LocalPosition"];
         };
         /**
+         * LogDropout
+         * @description A gap in which the vehicle could not write its log.
+         */
+        readonly LogDropout: {
+            /**
+             * T S
+             * @description Time [s since the log's start].
+             */
+            readonly t_s: number;
+            /**
+             * Duration S
+             * @description Duration [s].
+             */
+            readonly duration_s: number;
+        };
+        /**
+         * LogField
+         * @description A field of a topic.
+         */
+        readonly LogField: {
+            /**
+             * Name
+             * @description Name, such as `q[0]`.
+             */
+            readonly name: string;
+            /**
+             * Unit
+             * @description Unit; null: not known.
+             */
+            readonly unit: string | null;
+            /**
+             * Type
+             * @description Type of the values, as NumPy names it.
+             */
+            readonly type: string;
+        };
+        /**
          * LogList
          * @description The logs on a vehicle.
          */
@@ -8645,6 +9011,188 @@ export interface components {
              * @description The oldest first; numbers are in another order, that of the vehicle's files.
              */
             readonly logs: readonly components["schemas"]["LogView"][];
+        };
+        /**
+         * LogMessage
+         * @description A text that the vehicle has logged or sent.
+         */
+        readonly LogMessage: {
+            /**
+             * T S
+             * @description Time [s since the log's start].
+             */
+            readonly t_s: number;
+            /**
+             * Severity
+             * @description MAV_SEVERITY: 0 emergency to 7 debug.
+             */
+            readonly severity: number;
+            /**
+             * Text
+             * @description The text.
+             */
+            readonly text: string;
+        };
+        /**
+         * LogParameter
+         * @description A parameter.
+         */
+        readonly LogParameter: {
+            /**
+             * Name
+             * @description Name.
+             */
+            readonly name: string;
+            /**
+             * Value
+             * @description Its first known value.
+             */
+            readonly value: number;
+        };
+        /**
+         * LogParameterChange
+         * @description A change of a parameter.
+         */
+        readonly LogParameterChange: {
+            /**
+             * T S
+             * @description Time [s since the log's start].
+             */
+            readonly t_s: number;
+            /**
+             * Name
+             * @description Name.
+             */
+            readonly name: string;
+            /**
+             * Value
+             * @description The new value.
+             */
+            readonly value: number;
+        };
+        /**
+         * LogSeries
+         * @description Values of a field or expression.
+         */
+        readonly LogSeries: {
+            /**
+             * Field
+             * @description The field or expression.
+             */
+            readonly field: string;
+            /**
+             * Unit
+             * @description Unit; null: not known.
+             */
+            readonly unit: string | null;
+            /**
+             * Samples
+             * @description Number of samples in the window, before they were reduced.
+             */
+            readonly samples: number;
+            /**
+             * T S
+             * @description Times [s since the log's start], ascending.
+             */
+            readonly t_s: readonly number[];
+            /**
+             * Values
+             * @description The values; null: not a number, or infinite.
+             */
+            readonly values: readonly (number | null)[];
+        };
+        /**
+         * LogSpan
+         * @description A time in which the vehicle was in one state.
+         */
+        readonly LogSpan: {
+            /**
+             * Begin S
+             * @description Begin [s since the log's start].
+             */
+            readonly begin_s: number;
+            /**
+             * End S
+             * @description End.
+             */
+            readonly end_s: number;
+            /**
+             * Name
+             * @description The mode, `Armed` or `Failsafe`.
+             */
+            readonly name: string;
+        };
+        /**
+         * LogTopic
+         * @description A topic of a log, or a message of one sender.
+         */
+        readonly LogTopic: {
+            /**
+             * Id
+             * @description Name and instance, as in the field of a series: `vehicle_attitude:0`, `ATTITUDE:1.1`.
+             */
+            readonly id: string;
+            /**
+             * Name
+             * @description Name of the topic or message.
+             */
+            readonly name: string;
+            /**
+             * Instance
+             * @description ULog: number of the instance; tlog: `system.component`, with the message's own instance as third.
+             */
+            readonly instance: string;
+            /**
+             * Samples
+             * @description Number of samples.
+             */
+            readonly samples: number;
+            /**
+             * Begin S
+             * @description Time of the first sample [s since the log's start].
+             */
+            readonly begin_s: number;
+            /**
+             * End S
+             * @description Time of the last sample.
+             */
+            readonly end_s: number;
+            /**
+             * Rate Hz
+             * @description Mean rate; null: one sample.
+             */
+            readonly rate_hz: number | null;
+            /**
+             * Fields
+             * @description The fields.
+             */
+            readonly fields: readonly components["schemas"]["LogField"][];
+        };
+        /**
+         * LogVehicle
+         * @description What a vehicle of the log was doing.
+         */
+        readonly LogVehicle: {
+            /**
+             * Id
+             * @description MAVLink system id; empty: not known.
+             */
+            readonly id: string;
+            /**
+             * Modes
+             * @description Flight modes.
+             */
+            readonly modes: readonly components["schemas"]["LogSpan"][];
+            /**
+             * Armed
+             * @description When it was armed.
+             */
+            readonly armed: readonly components["schemas"]["LogSpan"][];
+            /**
+             * Failsafe
+             * @description When it was in a failsafe.
+             */
+            readonly failsafe: readonly components["schemas"]["LogSpan"][];
         };
         /**
          * LogView
@@ -8666,11 +9214,8 @@ export interface components {
              * @description Size [bytes].
              */
             readonly size_bytes: number;
-            /**
-             * Downloaded
-             * @description Name of the file on the server, for `GET …/logs/{file}`; null: not downloaded.
-             */
-            readonly downloaded: string | null;
+            /** @description The file on the server; null: not downloaded. */
+            readonly downloaded: components["schemas"]["DownloadedLog"] | null;
         };
         /**
          * LoiterTime
@@ -9849,6 +10394,26 @@ export interface components {
              * @description A waypoint plan or an offboard mission, depending on `format` (docs/missions.md).
              */
             readonly plan: components["schemas"]["Plan"] | components["schemas"]["OffboardMission"];
+        };
+        /**
+         * NewUpload
+         * @description A log that is added.
+         * @example {
+         *       "bytes": 3400000,
+         *       "name": "2026-11-21-flight.ulg"
+         *     }
+         */
+        readonly NewUpload: {
+            /**
+             * Name
+             * @description Name of the file; its end says the kind of the log.
+             */
+            readonly name: string;
+            /**
+             * Bytes
+             * @description Size of the file.
+             */
+            readonly bytes: number;
         };
         /**
          * Notice
@@ -12731,6 +13296,27 @@ export interface components {
             readonly defer_failsafes_s?: number;
         };
         /**
+         * RemovedFlight
+         * @description A file that was deleted to make room.
+         */
+        readonly RemovedFlight: {
+            /**
+             * Name
+             * @description Name of the file.
+             */
+            readonly name: string;
+            /**
+             * Bytes
+             * @description Size.
+             */
+            readonly bytes: number;
+            /**
+             * Unix S
+             * @description Time of the removal [s since 1970 UTC].
+             */
+            readonly unix_s: number;
+        };
+        /**
          * Repeat
          * @description Repeat the same steps several times.
          */
@@ -15198,6 +15784,32 @@ export interface components {
              * @description Answer only when the plan is uploaded and verified.
              */
             readonly wait?: boolean;
+        };
+        /**
+         * UploadView
+         * @description A log of which parts have been received.
+         */
+        readonly UploadView: {
+            /**
+             * Id
+             * @description Id of the upload.
+             */
+            readonly id: string;
+            /**
+             * Received Bytes
+             * @description Position of the next part.
+             */
+            readonly received_bytes: number;
+            /**
+             * Part Bytes
+             * @description Maximum size of a part.
+             */
+            readonly part_bytes: number;
+            /**
+             * Flight
+             * @description Id of the flight; null until the log is complete.
+             */
+            readonly flight: string | null;
         };
         /**
          * UserSettingValues
@@ -20030,6 +20642,493 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["Operation"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly list_flights_api_v1_flights_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FlightList"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly begin_upload_api_v1_flights_uploads_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["NewUpload"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 201: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["UploadView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly add_part_api_v1_flights_uploads__u__post: {
+        readonly parameters: {
+            readonly query: {
+                /** @description Position of the part: what has been received before. */
+                readonly offset_bytes: number;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly u: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/octet-stream": Blob;
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["UploadView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly cancel_upload_api_v1_flights_uploads__u__delete: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly u: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_flight_api_v1_flights__f__get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FlightOverview"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly delete_flight_api_v1_flights__f__delete: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description Exactly `flight {id} is deleted`, with the id of the flight. */
+                readonly confirm?: string;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly flight_file_api_v1_flights__f__file_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/octet-stream": unknown;
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly flight_series_api_v1_flights__f__series_get: {
+        readonly parameters: {
+            readonly query: {
+                /** @description A field, `topic/field` as in the overview (`vehicle_attitude:0/q[0]`), or an expression with fields in braces: `norm({vehicle_local_position:0/vx}, {vehicle_local_position:0/vy})`. Operators: `+ - * / **` and comparisons; functions: abs, sqrt, sin, cos, atan2, min, max, degrees, radians, norm, derivative, and roll, pitch, yaw [°] of a quaternion. Repeated for several. */
+                readonly field: readonly string[];
+                /** @description Begin of the window [s since the log's start]. */
+                readonly from_s?: number | null;
+                /** @description End of the window. */
+                readonly to_s?: number | null;
+                /** @description Maximum number of points of each series. */
+                readonly points?: number;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FlightSeries"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

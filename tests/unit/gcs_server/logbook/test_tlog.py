@@ -116,7 +116,7 @@ def test_a_frame_with_a_wrong_checksum_is_left_out_and_said(tmp_path):
 @pytest.mark.parametrize(
     ("content", "words"), [(b"", "empty"), (b"Dear reader, no telemetry. " * 99, "not a telemetry log")]
 )
-def test_what_is_no_log_is_refused_in_words(tmp_path, content, words):
+def test_what_is_no_tlog_is_refused_in_words(tmp_path, content, words):
     with pytest.raises(UnreadableLog, match=words):
         read(tmp_path, content)
 
@@ -135,10 +135,10 @@ def require_read_or_refused(folder, seeds):
     return read_logs
 
 
-def test_of_damaged_logs_each_is_read_in_part_or_refused(tmp_path):
+def test_of_damaged_tlogs_each_is_read_in_part_or_refused(tmp_path):
     assert require_read_or_refused(tmp_path, range(150)) > 100
 
 
 @pytest.mark.broad
-def test_of_many_damaged_logs_each_is_read_in_part_or_refused(tmp_path):
+def test_of_many_damaged_tlogs_each_is_read_in_part_or_refused(tmp_path):
     assert require_read_or_refused(tmp_path, range(1000, 4000)) > 2000

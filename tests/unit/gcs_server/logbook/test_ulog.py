@@ -113,7 +113,7 @@ def test_a_log_cut_at_every_kilobyte_gives_the_part_before_the_cut_or_says_why_n
         (definitions().replace(bytes(40), bytes(8) + b"\x04" + bytes(31)), "incompatible flag"),
     ],
 )
-def test_what_is_no_log_is_refused_in_words(tmp_path, content, words):
+def test_what_is_no_ulog_is_refused_in_words(tmp_path, content, words):
     with pytest.raises(UnreadableLog, match=words):
         read(tmp_path, content)
 
@@ -148,12 +148,12 @@ def require_read_or_refused(folder, seeds):
     return read_logs
 
 
-def test_of_damaged_logs_each_is_read_in_part_or_refused(tmp_path):
+def test_of_damaged_ulogs_each_is_read_in_part_or_refused(tmp_path):
     assert require_read_or_refused(tmp_path, range(300)) > 100
 
 
 @pytest.mark.broad
-def test_of_many_damaged_logs_each_is_read_in_part_or_refused(tmp_path):
+def test_of_many_damaged_ulogs_each_is_read_in_part_or_refused(tmp_path):
     assert require_read_or_refused(tmp_path, range(1000, 6000)) > 1000
 
 

@@ -68,8 +68,8 @@ export class VehicleLogs {
     const { state, error, result } = current;
     if (error !== null) this.lastProblem = { vehicle, problem: error };
     if (state !== 'succeeded' || this.list?.vehicle !== vehicle) return;
-    const { file } = result as unknown as { file: string };
-    this.list = { vehicle, logs: this.list.logs.map((log) => (log.number === number ? { ...log, downloaded: file } : log)) };
+    const { file, flight } = result as unknown as { file: string; flight: string };
+    this.list = { vehicle, logs: this.list.logs.map((log) => (log.number === number ? { ...log, downloaded: { file, flight } } : log)) };
   }
 
   /** Cancels the running download; it may be continued only from its beginning. */

@@ -26,7 +26,7 @@ describe('the logs on a vehicle', () => {
       'POST /api/v1/vehicles/1/logs/3/download': [[202, operation({})]],
       'GET /api/v1/operations/7': [
         [200, operation({ text: '1 of 4 MB' })],
-        [200, operation({ state: 'succeeded', result: { file: 'a.ulg' } })],
+        [200, operation({ state: 'succeeded', result: { file: 'a.ulg', flight: 'f1' } })],
       ],
     });
     const logs = new VehicleLogs();
@@ -39,7 +39,7 @@ describe('the logs on a vehicle', () => {
     await vi.advanceTimersByTimeAsync(600);
     await download;
     expect(logs.downloadOf('1', 3)).toBeNull();
-    expect(logs.logsOf('1')).toEqual([{ ...LOG, downloaded: 'a.ulg' }]);
+    expect(logs.logsOf('1')).toEqual([{ ...LOG, downloaded: { file: 'a.ulg', flight: 'f1' } }]);
   });
 
   it('say why they cannot be read or downloaded, and are left as they were', async () => {

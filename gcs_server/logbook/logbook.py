@@ -1,0 +1,210 @@
+"""The flights of a server: their files, what was read of them, and room for new ones."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from gcs_server.clock import Clock
+from gcs_server.errors import LogUnusable, Refused
+from gcs_server.logbook.library import Library, LogFile, Removed
+from gcs_server.logbook.uploads import Uploads
+from gcs_server.logbook.work import LogWork
+
+CACHE_BYTES = 4_000_000_000
+"""Size of the columns of logs that have been read; then the longest unused are deleted, and made again when
+needed."""
+CHECK_PERIOD_S = 60.0
+_OVERVIEW = "overview.json"
+_SUMMARY = ("kind", "start_unix_s", "duration_s", "firmware")
+
+
+class Logbook:
+    """All flights of one server.
+
+    Args:
+        clock: the server's clock.
+        library: the files.
+        work: reads logs.
+        cache: folder of the columns of logs that have been read.
+        max_bytes: size of all files; then the oldest are deleted.
+        in_use: returns the files that are being recorded or replayed.
+        on_removed: called with each file that was deleted to make room.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        library: Library,
+        work: LogWork,
+        cache: Path,
+        max_bytes: int,
+        in_use: Callable[[], frozenset[Path]],
+        on_removed: Callable[[Removed], None],
+    ) -> None:
+        self.library, self.max_bytes = library, max_bytes
+        self.uploads = Uploads(clock, library)
+        self._clock = clock
+        self._work = work
+        self._cache = cache
+        self._in_use = in_use
+        self._on_removed = on_removed
+        self._locks: dict[str, asyncio.Lock] = {}
+        """Locks of the files that are being read."""
+
+    async def run(self) -> None:
+        """Makes room at the start and from time to time, as recordings grow."""
+        await asyncio.to_thread(self.uploads.remove_leftovers)
+        while True:
+            await self.make_room()
+            await self._clock.sleep(CHECK_PERIOD_S)
+
+    async def files(self) -> list[LogFile]:
+        """All files, the newest first."""
+        return await asyncio.to_thread(self.library.files, self._clock.unix_s())
+
+    async def get(self, file_id: str) -> LogFile:
+        """One file. Raises UnknownFlight."""
+        return await asyncio.to_thread(self.library.get, file_id)
+
+    async def is_read(self, file_id: str) -> bool:
+        """Whether `overview` answers immediately. Raises UnknownFlight."""
+        folder = self._folder(await self.get(file_id))
+        return await asyncio.to_thread((folder / _OVERVIEW).is_file)
+
+    async def overview(self, file_id: str) -> bytes:
+        """The overview of a log, as JSON; reads the log if it has changed or was not read yet.
+
+        Raises:
+            UnknownFlight: there is no such file.
+            LogUnusable: it cannot be read; the text says why.
+            ClientHasTooMany, ServerBusy: too many logs are being read or wait.
+        """
+        lock = self._locks.setdefault(file_id, asyncio.Lock())
+        try:
+            async with lock:
+                file = await self.get(file_id)
+                folder = self._folder(file)
+                known = await asyncio.to_thread(_read_overview, folder)
+                return known if known is not None else await self._read(file, folder)
+        finally:
+            if not lock.locked():
+                self._locks.pop(file_id, None)
+
+    async def plot(
+        self, file_id: str, fields: list[str], from_s: float | None, to_s: float | None, points: int
+    ) -> bytes:
+        """Values of fields and expressions, as JSON; of a recording that still grows, as far as it was read.
+
+        Raises:
+            UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
+            InvalidRequest: the log has no such field, or an expression is invalid.
+        """
+        file = await self.get(file_id)
+        folder = await asyncio.to_thread(self._newest_folder, file)
+        if folder is None:
+            await self.overview(file_id)
+            folder = self._folder(file)
+        return await self._work.plot(folder, fields, from_s, to_s, points)
+
+    async def delete(self, file_id: str) -> None:
+        """Deletes a file.
+
+        Raises:
+            UnknownFlight: there is no such file.
+            Refused: it is being recorded or replayed, or the system does not allow it.
+        """
+        file = await self.get(file_id)
+        if file.path in self._in_use():
+            raise Refused(
+                "The file is being recorded or replayed.", remedy="Close its link or replay, then try again."
+            )
+        try:
+            await asyncio.to_thread(self.library.delete, file_id)
+        except OSError as error:
+            raise Refused(
+                f"The file cannot be deleted: {error.strerror or error}.", remedy="Delete it on the server."
+            ) from error
+        await asyncio.to_thread(self._forget_columns, file_id, None)
+
+    async def id_of(self, path: Path) -> str:
+        """The id of a file that was just written. Raises OSError if it is gone."""
+        file_id = await asyncio.to_thread(self.library.id_of, path, self._clock.unix_s())
+        if file_id is None:
+            raise FileNotFoundError(path)
+        return file_id
+
+    async def make_room(self) -> None:
+        """Deletes the oldest files if all together are too large."""
+        removed = await asyncio.to_thread(
+            self.library.make_room, self.max_bytes, self._in_use(), self._clock.unix_s()
+        )
+        for each in removed:
+            self._on_removed(each)
+
+    def close(self) -> None:
+        """Ends the process that reads logs, and closes the index."""
+        self._work.close()
+        self.library.close()
+
+    async def _read(self, file: LogFile, folder: Path) -> bytes:
+        try:
+            overview = await self._work.read(file.path, folder)
+        except LogUnusable as error:
+            await asyncio.to_thread(self.library.note, file, {"problem": error.message})
+            raise
+        summary = await asyncio.to_thread(_summary, overview)
+        await asyncio.to_thread(self.library.note, file, summary)
+        await asyncio.to_thread(self._forget_columns, file.id, folder)
+        await asyncio.to_thread(self._limit_cache, folder)
+        return overview
+
+    def _folder(self, file: LogFile) -> Path:
+        return self._cache / f"{file.id}-{file.version[0]}-{file.version[1]}"
+
+    def _newest_folder(self, file: LogFile) -> Path | None:
+        folders = [self._folder(file), *self._cache.glob(f"{file.id}-*")]
+        return next((folder for folder in folders if (folder / _OVERVIEW).is_file()), None)
+
+    def _forget_columns(self, file_id: str, kept: Path | None) -> None:
+        for folder in self._cache.glob(f"{file_id}-*"):
+            if folder != kept:
+                shutil.rmtree(folder, ignore_errors=True)
+
+    def _limit_cache(self, kept: Path) -> None:
+        sizes = {
+            folder: sum(path.stat().st_size for path in folder.iterdir())
+            for folder in self._cache.iterdir()
+            if folder.is_dir()
+        }
+        total = sum(sizes.values())
+        for folder in sorted(sizes, key=lambda each: each.stat().st_mtime):
+            if total <= CACHE_BYTES:
+                return
+            if folder != kept:
+                shutil.rmtree(folder, ignore_errors=True)
+                total -= sizes[folder]
+
+
+def _read_overview(folder: Path) -> bytes | None:
+    with contextlib.suppress(OSError):
+        overview = (folder / _OVERVIEW).read_bytes()
+        folder.touch()  # the newest of the cache
+        return overview
+    return None
+
+
+def _summary(overview: bytes) -> dict[str, Any]:
+    """What the list shows of a log."""
+    values = json.loads(overview)
+    problems = values["problems"]
+    return {
+        **{name: values[name] for name in _SUMMARY},
+        "vehicles": [vehicle["id"] for vehicle in values["vehicles"] if vehicle["id"]],
+        "problem": " ".join(problems)[:500] or None,
+    }
