@@ -52,6 +52,7 @@ from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG, MAV_SEVERITY_NOTICE
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.operations.operations import Operation, Operations
 from gcs_server.plans.ground_tiles import GroundTiles
+from gcs_server.plans.known_ground import files_of, relief_around
 from gcs_server.plans.store import PlanStore
 from gcs_server.plans.work import PlanWork
 from gcs_server.px4_sitl.runner import read_state
@@ -64,6 +65,7 @@ from gcs_server.scene.clicks import SceneClick
 from gcs_server.scene.gizmo import SceneGizmo
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.process import SceneProcess
+from gcs_server.scene.terrain_watch import SceneGround
 from gcs_server.settings import Settings, token_of
 from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
@@ -246,9 +248,10 @@ class Server:
 
     def _scene(self, clock: Clock) -> SceneProcess:
         events, result_of = self._events, self.flights.dry_runs.body
-        return SceneProcess(
-            self.fleet, clock, self._offboard_target, events.scene_click, events.scene_drag, result_of
-        )
+        work = self.flights.plan_work
+        ground = SceneGround(partial(files_of, work), partial(relief_around, work))
+        target, on_click, on_drag = self._offboard_target, events.scene_click, events.scene_drag
+        return SceneProcess(self.fleet, clock, target, on_click, on_drag, result_of, ground)
 
     def _connect_vehicles(self, cache: Cache) -> None:
         """Lets the parts know of the vehicles that come and go."""

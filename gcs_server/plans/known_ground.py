@@ -24,6 +24,7 @@ from gcs_server.vehicle.samples import GlobalPosition
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.geodesy import distance_m
 from missions.terrain.ground import Ground
+from missions.terrain.relief import Relief, offsets_m
 
 log = logging.getLogger(__name__)
 
@@ -101,6 +102,20 @@ class KnownGround:
             return
         self._areas[vehicle] = areas
         vehicle.command.floor.grounds = tuple(area.ground for area in areas if area.ground is not None)
+
+
+async def relief_around(work: PlanWork, lat_deg: float, lon_deg: float) -> Relief | None:
+    """The relief around a position; None: no elevation file covers it. Raises as `PlanWork.run`."""
+    answer = await work.run("relief", {"lat_deg": lat_deg, "lon_deg": lon_deg}, small=False)
+    if not answer.body:
+        return None
+    count = len(offsets_m())
+    return Relief(lat_deg, lon_deg, np.frombuffer(answer.body, np.float32).reshape(count, count))
+
+
+async def files_of(work: PlanWork) -> Files:
+    """The elevation files of the server."""
+    return await asyncio.to_thread(files_in, work.elevation_folder)
 
 
 def files_in(folder: Path) -> Files:

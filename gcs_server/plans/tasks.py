@@ -590,10 +590,16 @@ def _ground_tile(arguments: Mapping[str, Any]) -> Answer:
     return Answer({}, terrain_tasks.ground_tile(arguments))
 
 
+def _relief(arguments: Mapping[str, Any]) -> Answer:
+    from gcs_server.plans import terrain_tasks
+
+    return Answer({}, terrain_tasks.relief(arguments))
+
+
 WITH_ELEVATION = frozenset(
     {
         "check", "compile", "elevation_files", "follow_ground", "ground_tile", "known_ground",
-        "pattern_on_ground",
+        "pattern_on_ground", "relief",
     }
 )  # fmt: skip
 """Tasks that take the paths of the operator's elevation files; they run in a process if there are elevation
@@ -615,5 +621,6 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
     "pattern": _pattern,
     "pattern_on_ground": _pattern,
     "read": _read,
+    "relief": _relief,
     "table": _table,
 }

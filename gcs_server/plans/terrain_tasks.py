@@ -24,6 +24,7 @@ from missions.terrain.files import BoundingBox, Elevation, ElevationFile
 from missions.terrain.follow import follow_ground
 from missions.terrain.ground import Ground
 from missions.terrain.profile import PlanGround
+from missions.terrain.relief import axes_deg
 
 MARGIN_M = 100.0
 """Margin around the positions of a plan [m]."""
@@ -152,6 +153,19 @@ def ground_tile(arguments: Mapping[str, Any]) -> bytes:
         return b""
     heights_m = ground.altitudes_amsl_m(lats.ravel(), lons.ravel()).reshape(lats.shape).astype(np.float32)
     return b"" if np.isnan(heights_m).all() else terrarium.tile_of(heights_m)
+
+
+def relief(arguments: Mapping[str, Any]) -> bytes:
+    """The altitudes of a `Relief` (32-bit floats) around a position; empty: no file covers it. Arguments:
+    `lat_deg`, `lon_deg`, `elevation` (paths)."""
+    lats, lons = axes_deg(arguments["lat_deg"], arguments["lon_deg"])
+    area = BoundingBox(lons[0], lats[0], lons[-1], lats[-1])
+    ground = Elevation.from_files(map(Path, arguments["elevation"])).ground(area)
+    if ground is None:
+        return b""
+    all_lons, all_lats = np.meshgrid(lons, lats)
+    altitudes_m = ground.altitudes_amsl_m(all_lats.ravel(), all_lons.ravel()).astype(np.float32)
+    return b"" if np.isnan(altitudes_m).all() else altitudes_m.tobytes()
 
 
 def _ground(

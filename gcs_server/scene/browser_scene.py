@@ -24,6 +24,8 @@ from gcs_server.scene.pose import VehiclePose
 from gcs_server.scene.preview_node import PreviewNode
 from gcs_server.scene.shapes import Shapes, scale_marks, shapes
 from gcs_server.scene.smoothing import Smoother
+from gcs_server.scene.terrain import LINES_M, TerrainShape
+from gcs_server.scene.terrain_node import TerrainNode
 from gcs_server.scene.tracks import Track
 from gcs_server.scene.vehicle_node import VehicleNode
 from gcs_server.scene.views import CAMERAS, Mode, View, WorldPose, camera_for_handles, in_world, world_pose
@@ -91,6 +93,7 @@ class BrowserScene:
             self._scale_marks: Any = None
             self._preview: PreviewNode | None = None
             self._dry_run: list[DryRunNode] = []
+            self._terrain: TerrainNode | None = None
             self._label_layer = LabelLayer(client)
             self._compass = [self._compass_label(i, name) for i, name in enumerate(COMPASS)]
 
@@ -105,6 +108,7 @@ class BrowserScene:
             self._label_layer.remove()
             self._remove_preview()
             self._remove_dry_run()
+            self._show_terrain(None)
             for handle in (self._scale_marks, self._grid, self._world, self._lights):
                 if handle is not None:
                     handle.remove()
@@ -116,6 +120,7 @@ class BrowserScene:
         now_s: float,
         dry_run_start_m: Vector3 | None = None,
         origin_deg_m: Vector3 | None = None,
+        terrain: TerrainShape | None = None,
     ) -> None:
         """Sends the changes since the last call.
 
@@ -123,11 +128,13 @@ class BrowserScene:
             fleet: vehicles by id; their order determines the colours.
             dry_run_start_m: start of the dry run that the view shows, in the world's ENU frame.
             origin_deg_m: geographic position of the world's origin; None: it is not known.
+            terrain: the known ground; None: a level grid is drawn.
         """
         followed_id = view.vehicle if view.vehicle in fleet else next(iter(fleet), None)
         with self._client.atomic():
             for vehicle_id in [v for v in self._vehicles if v not in fleet]:
                 self._vehicles.pop(vehicle_id).remove()
+            self._show_terrain(terrain)
             self._add_vehicle(fleet, followed_id)
             simulated_pose = self._show_dry_run(view, dry_run_start_m)
             for vehicle_id, node in self._vehicles.items():
@@ -141,6 +148,7 @@ class BrowserScene:
                     track.trail,
                     now_s,
                     hidden=view.mode == "gimbal" and vehicle_id == followed_id and simulated_pose is None,
+                    terrain=terrain,
                 )
             self._update_camera(
                 view, fleet[followed_id].smoother if followed_id is not None else None, simulated_pose
@@ -225,6 +233,16 @@ class BrowserScene:
             )
         return poses[0] if dry_run.follow and dry_run.t_s is not None else None
 
+    def _show_terrain(self, shape: TerrainShape | None) -> None:
+        """Draws the known ground in place of the level grid."""
+        if self._terrain is not None and self._terrain.shape is not shape:
+            self._terrain.remove()
+            self._terrain = None
+        if self._terrain is None and shape is not None:
+            self._terrain = TerrainNode(self._client, shape, self._palette)
+        if self._grid.visible != (shape is None):
+            self._grid.visible = shape is None
+
     def _remove_dry_run(self) -> None:
         for node in self._dry_run:
             node.remove()
@@ -246,7 +264,10 @@ class BrowserScene:
 
     @property
     def _scale_text(self) -> str:
-        return f"grid {self._grid_step_m:.0f} m · {self._grid_step_m * 10:.0f} m"
+        if self._terrain is None:
+            return f"grid {self._grid_step_m:.0f} m · {self._grid_step_m * 10:.0f} m"
+        note = self._terrain.shape.terrain.note
+        return f"ground of the elevation files · lines {LINES_M:.0f} m{' · ' if note else ''}{note}"
 
     def _update_camera(
         self, view: View, smoother: Smoother | None, simulated_pose: VehiclePose | None
@@ -323,7 +344,7 @@ class BrowserScene:
     def _show_scale_marks(self, mode: Mode) -> None:
         """Shows the numbers on the ground only from above, because they cannot be read from a low camera
         behind a vehicle."""
-        is_readable = mode in ("free", "top")
+        is_readable = mode in ("free", "top") and self._terrain is None
         if self._scale_marks.visible != is_readable:
             self._scale_marks.visible = is_readable
 

@@ -12,6 +12,7 @@ from gcs_server.errors import GcsError
 from gcs_server.scene.clicks import ClickRequest
 from gcs_server.scene.dry_runs import DryRunPath, DryRunRequest
 from gcs_server.scene.gizmo import Drag, PreviewRequest, SceneGizmo
+from gcs_server.scene.terrain import Terrain
 
 TOKEN = re.compile(r"[A-Za-z0-9_-]{1,64}")
 BRIDGE_KEY = "bridge"
@@ -151,6 +152,14 @@ class HandleDragged:
 
     bridge: str
     drag: Drag
+
+
+@dataclass(frozen=True, slots=True)
+class NewTerrain:
+    """The known ground around the vehicle that a view follows."""
+
+    terrain: Terrain | None
+    """None: the ground is not known."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,6 +35,9 @@ class Palette:
     ground: str
     grid: str
     grid_section: str
+    terrain_low: Rgb
+    terrain_high: Rgb
+    """Colours of the lowest and the highest ground."""
     body: Rgb
     """The airframe's shell: the theme's text colour, so that it contrasts with the ground."""
     dark_part: Rgb
@@ -62,6 +65,8 @@ PALETTES: dict[Theme, Palette] = {
         ground="#10171d",
         grid="#2c3c48",
         grid_section="#41535f",
+        terrain_low=(24, 36, 42),
+        terrain_high=(74, 84, 84),
         body=(232, 238, 243),
         dark_part=(52, 64, 74),
         lost=(102, 117, 131),
@@ -81,6 +86,8 @@ PALETTES: dict[Theme, Palette] = {
         ground="#e4e9ea",
         grid="#c2cccf",
         grid_section="#9fadb3",
+        terrain_low=(176, 192, 180),
+        terrain_high=(222, 216, 200),
         body=(38, 48, 57),
         dark_part=(12, 19, 25),
         lost=(109, 123, 134),

@@ -26,6 +26,8 @@ from gcs_server.scene.messages import MAX_VIEWS, ViewRequest
 from gcs_server.scene.ports import OffboardTargets, SceneFleet
 from gcs_server.scene.proxy import Bridges, ShownView, scene_router
 from gcs_server.scene.snapshots import SnapshotBuilder
+from gcs_server.scene.terrain import Terrain
+from gcs_server.scene.terrain_watch import SceneGround
 
 PERIOD_S = 1.0 / 30.0
 IDLE_PERIOD_S = 0.25
@@ -33,6 +35,8 @@ IDLE_PERIOD_S = 0.25
 MAX_UNREPORTED = 2 * m.MAX_SNAPSHOTS_PER_REPORT
 """Maximum number of sent snapshots that the process has not reported yet."""
 RESPONSE_TIMEOUT_S = 5.0
+GROUND_PERIOD_S = 2.0
+"""Period of the check whether other ground is to be drawn [s]."""
 HUNG_AFTER_S = 20.0
 """A process that takes no snapshot for longer than this is ended and started again [s]."""
 NOT_RUNNING = "The 3D view is not running; it is being started."
@@ -61,6 +65,7 @@ class SceneProcess:
         on_click: called with the clicked ground position and the view.
         on_gizmo: called with the position to which a view's preview was dragged.
         dry_runs: result of a dry run that a page shows; None: no dry runs.
+        ground: the known ground around the vehicles that views follow; None: level grids.
     """
 
     def __init__(
@@ -71,12 +76,14 @@ class SceneProcess:
         on_click: Callable[[SceneClick], None] | None = None,
         on_gizmo: Callable[[SceneGizmo], None] | None = None,
         dry_runs: DryRunResults | None = None,
+        ground: SceneGround | None = None,
     ) -> None:
         self._fleet, self._clock, self._offboard = fleet, clock, offboard
         self._on_click, self._on_gizmo, self._dry_runs = on_click, on_gizmo, dry_runs
         self._paths: OrderedDict[str, tuple[DryRunPath, ...]] = OrderedDict()
         """Paths of the dry runs that pages have shown last."""
         self._bridges = Bridges(clock)
+        self._ground = ground
         self._run: _Run | None = None
         self._worker: SceneWorker | None = None
         self._failed = False
@@ -131,6 +138,8 @@ class SceneProcess:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._send_snapshots(run), name="scene snapshots")
                 tasks.create_task(worker.wait(), name="scene process")
+                if self._ground is not None:
+                    tasks.create_task(self._send_terrain(run, self._ground), name="scene terrain")
         except* Exception as errors:
             self._failed = True
             raise errors.exceptions[0] from None
@@ -160,6 +169,17 @@ class SceneProcess:
                 raise m.SceneError("The 3D view no longer draws; it is ended.", remedy=REMEDY)
             period_s = PERIOD_S if open_bridges else IDLE_PERIOD_S
             await self._clock.sleep(until_next_s(self._clock, period_s))
+
+    async def _send_terrain(self, run: _Run, ground: SceneGround) -> None:
+        """Keeps the ground around a followed vehicle drawn, while a view is open."""
+        sent: Terrain | None = None
+        while True:
+            if self._bridges.names():
+                terrain = await ground.around(self._fleet, run.newest.followed)
+                if terrain is not sent:
+                    sent = terrain
+                    run.post(m.NewTerrain(terrain))
+            await self._clock.sleep(GROUND_PERIOD_S)
 
     def _handle(self, message: object) -> None:
         run = self._run

@@ -18,6 +18,7 @@ from gcs_server.scene.host import ViserHost
 from gcs_server.scene.messages import BRIDGE_KEY, MAX_VIEWS, TOKEN, ViewRequest, ViserAddress
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.ports import OffboardTargets, SceneFleet
+from gcs_server.scene.terrain import Terrain, TerrainShape
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import CAMERAS, Mode, Preview, View
 
@@ -55,6 +56,8 @@ class Scene:
         self._browser_scenes: dict[int, tuple[str, BrowserScene]] = {}
         """Token of the view, and the scene of the browser, by viser's client id."""
         self._preview_serial = 0
+        self._terrain: Terrain | None = None
+        self._shape: TerrainShape | None = None
         self._drawn_s = clock.monotonic_s()
 
     @property
@@ -108,7 +111,20 @@ class Scene:
                 entry = (token, BrowserScene(client, view, self._tracks.isolation, previous))
                 self._browser_scenes[client_id] = entry
             start_m = self._tracks.enu(view.dry_run.paths[0].origin_deg_m) if view.dry_run else None
-            entry[1].update(view, tracks, now_s, start_m, self._tracks.origin_deg_m)
+            entry[1].update(view, tracks, now_s, start_m, self._tracks.origin_deg_m, self._terrain_shape())
+
+    def set_terrain(self, terrain: Terrain | None) -> None:
+        """Sets the known ground; None: it is not known, and a level grid is drawn."""
+        self._terrain = terrain
+
+    def _terrain_shape(self) -> TerrainShape | None:
+        """The shape of the known ground; None: it is not known, or the world has no place on earth yet."""
+        origin, terrain = self._tracks.origin_deg_m, self._terrain
+        if origin is None or terrain is None:
+            self._shape = None
+        elif self._shape is None or self._shape.terrain is not terrain or self._shape.origin_deg_m != origin:
+            self._shape = TerrainShape(terrain, origin)
+        return self._shape
 
     def set_view(self, token: str, request: ViewRequest) -> View:
         """Sets the content of the view with a token."""
@@ -179,7 +195,9 @@ class Scene:
             Refused: no vehicle has reported a global position.
         """
         view = self._views.get(token, View())
-        ground_position = self._tracks.ground_position(view.vehicle, click.eye_enu_m, click.ray_enu)
+        ground_position = self._tracks.ground_position(
+            view.vehicle, click.eye_enu_m, click.ray_enu, self._terrain_shape()
+        )
         if ground_position is None:
             return None
         return SceneClick(token, *ground_position, click.view_x, click.view_y)

@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.faults import Isolation
-from gcs_server.scene.clicks import ground_point
+from gcs_server.scene.clicks import REACH_M, ground_point
 from gcs_server.scene.placement import Placement, VehiclePlace
 from gcs_server.scene.ports import OffboardTarget, OffboardTargets, SceneFleet, SceneVehicle
 from gcs_server.scene.pose import pose_of
 from gcs_server.scene.smoothing import Smoother, Trail
 from gcs_server.scene.snapshots import MAX_ALL_UPDATED, UPDATE_DIVISOR
+from gcs_server.scene.terrain import TerrainShape
 from missions.frames import Vector3
 
 log = logging.getLogger(__name__)
@@ -133,13 +134,20 @@ class Tracks:
         return self._placement.enu(position_deg_m)
 
     def ground_position(
-        self, vehicle_id: str | None, eye_enu_m: Vector3, ray_enu: Vector3
+        self,
+        vehicle_id: str | None,
+        eye_enu_m: Vector3,
+        ray_enu: Vector3,
+        terrain: TerrainShape | None = None,
     ) -> tuple[str, float, float, float] | None:
-        """(vehicle, lat_deg, lon_deg, alt_amsl_m) of the point where a ray meets the ground at a vehicle's
-        home.
+        """(vehicle, lat_deg, lon_deg, alt_amsl_m) of the point where a ray meets the known ground, or else
+        the level ground at a vehicle's home.
 
         Args:
             vehicle_id: for None, and for a removed vehicle, the first vehicle is used.
+            eye_enu_m: begin of the ray.
+            ray_enu: direction of the ray.
+            terrain: the known ground.
 
         Raises:
             Refused: no vehicle has reported a global position.
@@ -148,7 +156,8 @@ class Tracks:
         pose = selected[1].smoother.pose if selected is not None else None
         if selected is None or pose is None:
             raise Refused("There is no vehicle yet, so the 3D ground has no geographic position.")
-        point = ground_point(eye_enu_m, ray_enu, pose.ground_z_m)
+        point = None if terrain is None else terrain.hit(eye_enu_m, ray_enu, REACH_M)
+        point = point or ground_point(eye_enu_m, ray_enu, pose.ground_z_m)
         if point is None:
             return None
         geodetic = self._placement.geodetic(point)

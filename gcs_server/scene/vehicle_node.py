@@ -15,6 +15,7 @@ from gcs_server.scene.palette import Palette, tone_corrected
 from gcs_server.scene.pose import Target, VehiclePose, upright_lines
 from gcs_server.scene.shapes import Shapes
 from gcs_server.scene.smoothing import Smoother, Trail
+from gcs_server.scene.terrain import TerrainShape
 from gcs_server.scene.texts import altitude_text
 from missions.frames import IDENTITY, Quaternion, Vector3, multiply, q_from_yaw
 
@@ -46,6 +47,7 @@ class VehicleNode:
         self._colour = palette.vehicle_colour(index)
         self._rgb = tone_corrected(self._colour, palette)
         self._drawn_pose: VehiclePose | None = None
+        self._drawn_terrain: TerrainShape | None = None
         self._angles: tuple[float, ...] = ()
         self._trail_version = -1
         self._next_trail_s = 0.0
@@ -77,16 +79,27 @@ class VehicleNode:
         """The vehicle's labels."""
         return [self._label, self._target_label]
 
-    def update(self, smoother: Smoother, trail: Trail, now_s: float, *, hidden: bool) -> None:
+    def update(
+        self,
+        smoother: Smoother,
+        trail: Trail,
+        now_s: float,
+        *,
+        hidden: bool,
+        terrain: TerrainShape | None = None,
+    ) -> None:
         """Sends the changes since the last call.
 
         Args:
+            terrain: the known ground, on which marks are drawn; None: level ground at the vehicle's home.
             hidden: hides airframe, label and frustum, because the view looks through the vehicle's camera.
         """
         pose = smoother.pose
         if pose is None:
             return
         last = self._drawn_pose
+        if terrain is not self._drawn_terrain:  # the marks on the ground are drawn again
+            last, self._drawn_terrain = None, terrain
         if pose is last and hidden == self._hidden:  # this vehicle was not updated in this step
             return
         if hidden != self._hidden:
@@ -94,7 +107,7 @@ class VehicleNode:
             self._body.visible = not hidden
             self._label.visible = not hidden
         if last is None or pose.position_enu_m != last.position_enu_m or pose.q_enu_flu != last.q_enu_flu:
-            self._move(pose, last)
+            self._move(pose, last, terrain)
         if pose.motors is not None and smoother.rotor_angles_rad != self._angles:
             self._angles = smoother.rotor_angles_rad
             self._blades_node.set_property("batched_wxyzs", rotor_quaternions(self._angles))
@@ -105,6 +118,7 @@ class VehicleNode:
             self._home.visible = pose.home_enu_m is not None
             if pose.home_enu_m is not None:
                 self._home.position = _above_ground(pose.home_enu_m)
+                self._home.wxyz = IDENTITY if terrain is None else terrain.tilt_at(*pose.home_enu_m[:2])
         self._show_target(pose, last)
         if last is None or pose.measured_points_enu_m != last.measured_points_enu_m:
             self._show_measured_points(pose)
@@ -114,15 +128,19 @@ class VehicleNode:
             self._draw_trail(trail, pose.position_enu_m)
         self._drawn_pose = pose
 
-    def _move(self, pose: VehiclePose, last: VehiclePose | None) -> None:
+    def _move(self, pose: VehiclePose, last: VehiclePose | None, terrain: TerrainShape | None) -> None:
         x, y, z = pose.position_enu_m
         if last is None or pose.q_enu_flu != last.q_enu_flu:
             self._body_node.turn(pose.q_enu_flu)
         if last is not None and pose.position_enu_m == last.position_enu_m:
             return
         self._position_node.place(pose.position_enu_m)
-        height_m = z - pose.ground_z_m
-        self._ground_node.place((x, y, pose.ground_z_m))
+        known_z_m = None if terrain is None else terrain.z_at(x, y)
+        ground_z_m = pose.ground_z_m if known_z_m is None else known_z_m
+        height_m = z - ground_z_m
+        self._ground_node.place((x, y, ground_z_m))
+        if terrain is not None:
+            self._ground_node.turn(terrain.tilt_at(x, y))
         self._height_line_node.scale(1.0, 1.0, max(0.001, height_m))
         self._height_line.visible = height_m > 0.3
 

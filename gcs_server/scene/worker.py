@@ -101,6 +101,8 @@ class Worker:
                     self._pipe.send(m.Response(number, None, error))
             case m.HandleDragged(bridge, drag):
                 self.scene.drag(bridge, drag)
+            case m.NewTerrain(terrain):
+                self.scene.set_terrain(terrain)
             case m.DryRunPaths(dry_run, paths):
                 self._dry_runs[dry_run] = paths
                 while len(self._dry_runs) > m.MAX_DRY_RUNS:

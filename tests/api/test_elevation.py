@@ -146,6 +146,21 @@ async def read_ground(folder, lat_deg):
         work.close()
 
 
+def test_the_relief_around_a_position_is_read_from_the_files(tmp_path):
+    async def read(folder):
+        work = PlanWork(folder)
+        try:
+            return [await known_ground.relief_around(work, LAT_DEG + shift, LON_DEG) for shift in (0.0, 1.0)]
+        finally:
+            work.close()
+
+    write_elevation_file(tmp_path / "hill.tif", hill_elevation(500.0, 80.0))
+    relief, elsewhere = asyncio.run(read(tmp_path))
+    assert relief.altitude_amsl_m(LAT_DEG, LON_DEG) == pytest.approx(580, abs=1)
+    assert relief.altitude_amsl_m(LAT_DEG + 0.02, LON_DEG) == pytest.approx(500, abs=1)
+    assert elsewhere is None
+
+
 class SimpleVehicle:
     """A vehicle with nothing but the ground that is known around it."""
 

@@ -1,5 +1,5 @@
 """The ground from the first visit: a source of heights is chosen, and the ground of an area is saved from a
-local tile server and shown."""
+local tile server and shown: shaded on the map, below a plan, and as terrain in 3D."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
-from tests.e2e.browser import open_page, serious_violations
+from tests.e2e.browser import open_page, scene_frame, serious_violations
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import home_of
 from tests.station import wait_until
@@ -87,5 +87,29 @@ def test_the_ground_of_an_area_is_saved_and_shown(browser: Browser, station: Sta
             panel.get_by_label("Shade hills").uncheck()
             wait_until(lambda: colours(page) <= level + 5, "the level map")
             panel.get_by_label("Shade hills").check()
+        check_profile(station, home)
+        with open_page(browser, station.url, theme=theme, size=(1280, 800)) as page:
+            page.get_by_title("3D view", exact=True).wait_for()
+            scene = scene_frame(page)
+            expect(scene.locator(".gcs-tags em")).to_contain_text(
+                "ground of the elevation files", timeout=60_000
+            )
+            picture(page, f"{theme}-3-terrain")
+            page.mouse.click(520, 640)
+            menu = page.get_by_role("dialog")
+            expect(menu).to_contain_text("Ground at this position:")
+            page.keyboard.press("Escape")
     finally:
         source.close()
+
+
+def check_profile(station: Station, home: dict[str, float]) -> None:
+    """Checks that the ground below a plan is that of the saved area."""
+    altitude = {"value_m": 100, "reference": "home"}
+    items = [
+        {"kind": "waypoint", "lat_deg": home["lat_deg"] + d, "lon_deg": home["lon_deg"], "altitude": altitude}
+        for d in (0.001, 0.003)
+    ]
+    check = station.gcs.request("POST", "/plans/check", {"plan": {"planned_home": home, "items": items}})
+    heights_m = [height_m for _, height_m in check["ground"] if height_m is not None]
+    assert min(heights_m) < -1.0 < 15.0 < max(heights_m)
