@@ -19,6 +19,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
 from gcs_server.maps.sources import MapSource
+from gcs_server.maps.tiles import MapSourceFailed
 from gcs_server.storage.maps import MapError, MapInfo, is_map_name, read_map, read_tile
 
 router = Routes(prefix="/maps", tags=["station"])
@@ -27,6 +28,8 @@ MAX_ZOOM = 24
 REVALIDATE = {"Cache-Control": "no-cache"}
 """Cache header: the browser may cache a tile, but must revalidate it."""
 RANGE = re.compile(r"bytes=(?P<first>[0-9]{0,15})-(?P<last>[0-9]{0,15})")
+ARCHIVE_TIMEOUT_S = 4.0
+"""Maximum wait for a source's archive, because the page shows no map before [s]."""
 GZIP_MAGIC = b"\x1f\x8b"
 T = TypeVar("T")
 _threads = ThreadPoolExecutor(2, thread_name_prefix="maps")
@@ -37,7 +40,11 @@ async def list_maps(station: StationDep) -> Response:
     """The chosen map source, the map files in the data folder, and the files that cannot be read."""
     maps, unreadable = await _in_thread(_scan_folder, station)
     source = station.map_sources.chosen
-    maps = ([] if source is None else [_source_view(source)]) + maps
+    if source is not None:
+        try:
+            maps.insert(0, await _source_view(station, source))
+        except MapSourceFailed as error:
+            unreadable.append(error.message)
     return json_response({"folder": str(station.maps), "maps": maps, "unreadable": unreadable})
 
 
@@ -143,8 +150,9 @@ def _map_view(info: MapInfo) -> dict[str, object]:
     }
 
 
-def _source_view(source: MapSource) -> dict[str, object]:
-    return {
+async def _source_view(station: Station, source: MapSource) -> dict[str, object]:
+    """The chosen source as a map. Raises MapSourceFailed if its archive does not answer soon."""
+    view: dict[str, object] = {
         "name": source.name,
         "url": f"/api/v1/map_sources/{source.id}",
         "format": "source",
@@ -155,6 +163,23 @@ def _source_view(source: MapSource) -> dict[str, object]:
         "attribution": source.attribution,
         "layers": [],
         "bytes": 0,
+    }
+    if not source.is_archive:
+        return view
+    try:
+        async with asyncio.timeout(ARCHIVE_TIMEOUT_S):
+            info = await station.map_tiles.archive_info(source)
+    except TimeoutError:
+        text = f"The map source {source.name} ({source.host}) gives no tiles: no answer yet."
+        raise MapSourceFailed(text) from None
+    return {
+        **view,
+        "tiles": "vector" if info.is_vector else "raster",
+        "min_zoom": info.min_zoom,
+        "max_zoom": info.max_zoom,
+        "bounds_deg": info.bounds_deg,
+        "attribution": source.attribution or info.attribution,
+        "layers": info.layers,
     }
 
 

@@ -24,6 +24,7 @@ from gcs_server.maps.sources import MapSource, MapSources
 from gcs_server.maps.tiles import Tiles, content_type
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.operations.operations import ReportProgress
+from gcs_server.storage.maps import VECTOR_TYPE
 
 router = Routes(tags=["station"], responses=RESPONSES)
 
@@ -82,7 +83,8 @@ class NewMapSource(StrictBody):
     name: ShortText
     """Name in the page."""
     url: Annotated[str, Field(min_length=1, max_length=1000)]
-    """Address of a tile: an XYZ or WMTS template, or a WMTS tile with its parameters."""
+    """Address of a tile: an XYZ or WMTS template, or a WMTS tile with its parameters; or of a PMTiles
+    archive."""
     attribution: Annotated[str, Field(max_length=300)] = ""
     """Attribution that its licence requires."""
     max_zoom: Zoom = 19
@@ -184,7 +186,9 @@ async def source_tile(
     tile = await station.map_tiles.tile(source, zoom, x, y)
     if not tile:
         return Response(status_code=204, headers=REVALIDATE)
-    return Response(tile, media_type=content_type(tile), headers={"Cache-Control": "max-age=86400"})
+    return Response(
+        tile, media_type=content_type(tile) or VECTOR_TYPE, headers={"Cache-Control": "max-age=86400"}
+    )
 
 
 @router.post("/map_regions/size", response_model=RegionSize)
@@ -209,6 +213,11 @@ async def save_region(body: RegionRequest, station: StationDep, principal: Princ
     with authorized_command(station, principal, "maps/save_region", None, body.model_dump()):
         source, region = station.map_sources.get(body.source), body.region()
         region.check(source)
+        if source.is_archive and (await station.map_tiles.archive_info(source)).is_vector:
+            raise Refused(
+                f"{source.name} has vector tiles, of which no region can be saved.",
+                remedy="Copy the PMTiles file into the maps folder.",
+            )
         path = await asyncio.to_thread(region_path, station.maps, body.name)
 
         async def work(report: ReportProgress) -> dict[str, object]:

@@ -38,13 +38,14 @@ class UnknownSource(GcsError):
 
 @dataclass(frozen=True, slots=True)
 class MapSource:
-    """A source of raster tiles in the web's Mercator projection (EPSG:3857), 256 or 512 px wide."""
+    """A source of tiles in the web's Mercator projection (EPSG:3857): images, 256 or 512 px wide, or those
+    of a PMTiles archive."""
 
     id: str
     name: str
     url: Annotated[str, MaxLen(MAX_ADDRESS_LENGTH)]
     """Address of a tile with `{z}`, `{x}` and `{y}` (from the north), `{-y}` (from the south), or `{q}` (a
-    quadkey)."""
+    quadkey); or of a PMTiles archive."""
     attribution: str
     """What the licence of the map asks to be shown."""
     max_zoom: Annotated[int, Ge(0), Le(24)]
@@ -56,10 +57,19 @@ class MapSource:
         """The computer that learns which tiles are viewed."""
         return urlsplit(self.url).netloc.rpartition("@")[2]
 
+    @property
+    def is_archive(self) -> bool:
+        """Whether the tiles are in one PMTiles archive."""
+        return _is_archive(self.url)
+
     def tile_url(self, zoom: int, x: int, y: int) -> str:
         """Address of a tile, y counted from the north."""
         values = {"z": zoom, "x": x, "y": y, "-y": (1 << zoom) - 1 - y, "q": _quadkey(zoom, x, y)}
         return _PLACEHOLDER.sub(lambda found: str(values[found[1]]), self.url)
+
+
+def _is_archive(address: str) -> bool:
+    return urlsplit(address).path.lower().endswith(".pmtiles") and "{" not in address
 
 
 def _quadkey(zoom: int, x: int, y: int) -> str:
@@ -108,7 +118,7 @@ USUAL_ELEVATION = (
 
 def address_of_tiles(address: str) -> str:
     """The address with this server's placeholders, from what other programs and services call them: an XYZ
-    template, a WMTS template, or the address of one WMTS tile with its parameters.
+    template, a WMTS template, the address of one WMTS tile with its parameters, or of a PMTiles archive.
 
     Raises:
         InvalidRequest: it is no address of tiles; says why.
@@ -118,6 +128,8 @@ def address_of_tiles(address: str) -> str:
         raise InvalidRequest("url", "The address must begin with http:// or https:// and name a computer.")
     if len(address) > MAX_ADDRESS_LENGTH or not address.isprintable() or " " in address:
         raise InvalidRequest("url", "The address has spaces or is too long.")
+    if _is_archive(address):
+        return address
     keys = {key.lower(): value for key, value in parse_qsl(parts.query, keep_blank_values=True)}
     if keys.get("request", "").lower() == "getcapabilities":
         raise InvalidRequest(
@@ -140,7 +152,7 @@ def address_of_tiles(address: str) -> str:
         raise InvalidRequest(
             "url",
             "The address names no tile: {z}, {x} and {y} are missing.",
-            remedy="For example https://tiles.example.org/{z}/{x}/{y}.png",
+            remedy="For example https://tiles.example.org/{z}/{x}/{y}.png, or a .pmtiles file's address.",
         )
     return address
 

@@ -6,14 +6,16 @@ import asyncio
 import logging
 import sqlite3
 import struct
-from collections.abc import Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, ServerBusy
+from gcs_server.maps.archive import Archive, ArchiveError, ArchiveInfo
 from gcs_server.maps.sources import MapSource
 from gcs_server.version import __version__
 
@@ -49,6 +51,10 @@ class MapSourceFailed(GcsError):
     """A map source did not answer, or with something other than a tile."""
 
     code = "map_source_failed"
+
+
+class ArchiveChanged(Exception):
+    """An archive has changed since its directories were read."""
 
 
 def content_type(tile: bytes) -> str | None:
@@ -186,6 +192,9 @@ class Tiles:
         self._client: httpx.AsyncClient | None = None
         self._places = asyncio.Semaphore(CONCURRENT)
         self._waiting = 0
+        self._archives: dict[str, Archive] = {}
+        self._etags: dict[str, str] = {}
+        """By source: which version of its archive is being read."""
         self._failures: dict[str, tuple[float, str]] = {}
         """By source: time of the last failure [s, monotonic] and its text; removed by the next answer."""
 
@@ -203,7 +212,7 @@ class Tiles:
             raise ServerBusy(f"{MAX_WAITING} tiles are being requested.", remedy="Wait a moment.")
         self._waiting += 1
         try:
-            content = await self._ask(source, source.tile_url(zoom, x, y))
+            content = await self._ask(source, lambda: self._content(source, zoom, x, y))
         except MapSourceFailed:
             if kept is None:
                 raise
@@ -236,6 +245,7 @@ class Tiles:
         await self._in_thread(source, TileStore.close)
         self._stores.pop(source.id, None)
         self._failures.pop(source.id, None)
+        self._forget_archive(source)
         for path in self._folder.glob(f"{source.id}.sqlite*"):
             path.unlink(missing_ok=True)
 
@@ -253,13 +263,57 @@ class Tiles:
             store = self._stores[source.id] = TileStore(self._folder / f"{source.id}.sqlite")
         return await asyncio.get_running_loop().run_in_executor(self._thread, work, store)
 
-    async def _ask(self, source: MapSource, url: str) -> bytes:
+    async def archive_info(self, source: MapSource) -> ArchiveInfo:
+        """What the archive of a source says about itself. Raises MapSourceFailed."""
+
+        async def info() -> ArchiveInfo:
+            return await self._archive_of(source).info()
+
+        return await self._ask(source, lambda: self._from_archive(source, info))
+
+    def _archive_of(self, source: MapSource) -> Archive:
+        archive = self._archives.get(source.id)
+        if archive is None:
+            archive = Archive(lambda offset, length: self._range(source, offset, length))
+            self._archives[source.id] = archive
+        return archive
+
+    async def _from_archive(self, source: MapSource, work: Callable[[], Awaitable[T]]) -> T:
+        """The result of the work on an archive, again from its beginning if it has changed meanwhile."""
+        try:
+            try:
+                return await work()
+            except ArchiveChanged:
+                self._forget_archive(source)
+                return await work()
+        except (ArchiveError, ArchiveChanged) as error:
+            raise self._failed(source, f"it answers with {error}") from error
+
+    def _forget_archive(self, source: MapSource) -> None:
+        self._archives.pop(source.id, None)
+        self._etags.pop(source.id, None)
+
+    async def _content(self, source: MapSource, zoom: int, x: int, y: int) -> bytes:
+        if not source.is_archive:
+            return await self._download(source, source.tile_url(zoom, x, y))
+
+        async def content() -> bytes:
+            archive = self._archive_of(source)
+            tile = await archive.tile(zoom, x, y)
+            fault = self._fault(tile) if tile and not (await archive.info()).is_vector else None
+            if fault is not None:
+                raise ArchiveError(fault)
+            return tile
+
+        return await self._from_archive(source, content)
+
+    async def _ask(self, source: MapSource, work: Callable[[], Awaitable[T]]) -> T:
         async with self._places:
             failed = self._failures.get(source.id)
             if failed is not None and self._clock.monotonic_s() - failed[0] < PAUSE_S:
                 raise MapSourceFailed(failed[1], remedy=REMEDY)
             try:
-                content = await self._download(source, url)
+                content = await work()
             except MapSourceFailed as error:
                 self._failures[source.id] = (self._clock.monotonic_s(), error.message)
                 raise
@@ -267,6 +321,35 @@ class Tiles:
             return content
 
     async def _download(self, source: MapSource, url: str) -> bytes:
+        async with self._answer(source, url) as answer:
+            if answer.status_code in (204, 404):
+                return b""
+            if answer.status_code != 200:
+                raise self._failed(source, f"it answers with status {answer.status_code}")
+            tile = await self._body(source, answer, MAX_TILE_BYTES)
+        fault = self._fault(tile)
+        if fault is not None:
+            kind = answer.headers.get("content-type", "unknown type")[:60]
+            raise self._failed(source, f"it answers with {fault} ({kind})")
+        return tile
+
+    async def _range(self, source: MapSource, offset: int, length: int) -> bytes:
+        """A part of a source's archive. Raises MapSourceFailed and ArchiveChanged."""
+        headers = {"Range": f"bytes={offset}-{offset + length - 1}", "Accept-Encoding": "identity"}
+        async with self._answer(source, source.url, headers) as answer:
+            if answer.status_code == 200:
+                raise self._failed(source, "it ignores which part of the archive it is asked for")
+            if answer.status_code != 206:
+                raise self._failed(source, f"it answers with status {answer.status_code}")
+            etag = answer.headers.get("etag", "")
+            if self._etags.setdefault(source.id, etag) != etag:
+                raise ArchiveChanged("an archive that changes")
+            return await self._body(source, answer, length)
+
+    @asynccontextmanager
+    async def _answer(
+        self, source: MapSource, url: str, headers: dict[str, str] | None = None
+    ) -> AsyncGenerator[httpx.Response]:
         import httpx  # only a server with a chosen source needs it
 
         if self._client is None:
@@ -277,26 +360,24 @@ class Tiles:
                 headers={"User-Agent": f"offboard-gcs/{__version__}"},
             )
         try:
-            async with asyncio.timeout(2 * TIMEOUT_S), self._client.stream("GET", url) as answer:
-                if answer.status_code in (204, 404):
-                    return b""
-                if answer.status_code != 200:
-                    raise self._failed(source, f"it answers with status {answer.status_code}")
-                content = bytearray()
-                async for part in answer.aiter_bytes():
-                    content += part
-                    if len(content) > MAX_TILE_BYTES:
-                        raise self._failed(source, f"its tiles have more than {MAX_TILE_BYTES / 1e6:g} MB")
+            async with (
+                asyncio.timeout(2 * TIMEOUT_S),
+                self._client.stream("GET", url, headers=headers) as answer,
+            ):
+                yield answer
         except (httpx.HTTPError, httpx.InvalidURL) as error:
             raise self._failed(source, str(error) or type(error).__name__) from error
         except TimeoutError:
             raise self._failed(source, f"no answer in {2 * TIMEOUT_S:g} s") from None
-        tile = bytes(content)
-        fault = self._fault(tile)
-        if fault is not None:
-            kind = answer.headers.get("content-type", "unknown type")[:60]
-            raise self._failed(source, f"it answers with {fault} ({kind})")
-        return tile
+
+    async def _body(self, source: MapSource, answer: httpx.Response, max_bytes: int) -> bytes:
+        content = bytearray()
+        async for part in answer.aiter_bytes():
+            content += part
+            if len(content) > max_bytes:
+                limit = f"{max_bytes / 1e6:g} MB" if max_bytes == MAX_TILE_BYTES else f"{max_bytes:,} bytes"
+                raise self._failed(source, f"its tiles have more than {limit}")
+        return bytes(content)
 
     def _failed(self, source: MapSource, reason: str) -> MapSourceFailed:
         return MapSourceFailed(

@@ -172,9 +172,9 @@ def _mbtiles(path: Path) -> MapInfo:
         content_type=VECTOR_TYPE if is_vector else IMAGE_TYPES[tile_format],
         min_zoom=int(min_zoom),
         max_zoom=int(max_zoom),
-        bounds_deg=_bounds(corners),
+        bounds_deg=bounds_of(corners),
         attribution=metadata.get("attribution"),
-        layers=_layers(json.loads(metadata["json"])) if is_vector and "json" in metadata else (),
+        layers=layers_of(json.loads(metadata["json"])) if is_vector and "json" in metadata else (),
         bytes=path.stat().st_size,
     )
 
@@ -219,9 +219,9 @@ def _pmtiles(path: Path) -> MapInfo:
         content_type="application/octet-stream",
         min_zoom=min_zoom,
         max_zoom=max_zoom,
-        bounds_deg=_bounds([corner / 1e7 for corner in corners]),
+        bounds_deg=bounds_of([corner / 1e7 for corner in corners]),
         attribution=attribution if isinstance(attribution, str) else None,
-        layers=_layers(metadata),
+        layers=layers_of(metadata),
         bytes=path.stat().st_size,
     )
 
@@ -234,7 +234,7 @@ def _unpacked(packed: bytes) -> bytes:
     return content
 
 
-def _bounds(corners: list[float]) -> Bounds | None:
+def bounds_of(corners: list[float]) -> Bounds | None:
     """The bounds; None if they are invalid or empty."""
     if len(corners) != 4:
         return None
@@ -243,7 +243,8 @@ def _bounds(corners: list[float]) -> Bounds | None:
     return (west, south, east, north) if is_valid else None
 
 
-def _layers(metadata: dict[str, Any]) -> tuple[str, ...]:
+def layers_of(metadata: dict[str, Any]) -> tuple[str, ...]:
+    """Names of the layers in the metadata of a vector map."""
     vector_layers = metadata.get("vector_layers")
     if not isinstance(vector_layers, list):
         return ()

@@ -10360,7 +10360,8 @@ export interface components {
             readonly name: string;
             /**
              * Url
-             * @description Address of a tile: an XYZ or WMTS template, or a WMTS tile with its parameters.
+             * @description Address of a tile: an XYZ or WMTS template, or a WMTS tile with its parameters; or of a PMTiles
+             *     archive.
              */
             readonly url: string;
             /**
