@@ -9,7 +9,7 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help run test suite test-fast test-clients nightly bench compat screenshots lint checks web types wheel clean setup kernels
+.PHONY: help run test suite test-fast test-clients nightly bench compat screenshots lint checks web types texts wheel clean setup kernels
 
 help:
 	@echo "make run           start server and simulated vehicle on http://localhost:8080  (ARGS=\"--sim 3\")"
@@ -21,7 +21,7 @@ help:
 	@echo "make bench         print the table of measurements"
 	@echo "make compat        print which versions of other programs work, and which are installed"
 	@echo "make screenshots   the page in each of its states, into docs/images  (ARGS=\"--only offboard,connection_lost\")"
-	@echo "make web           build the page;  make types: generate its API types"
+	@echo "make web           build the page;  make types: generate its API types;  make texts: the catalogs of its texts"
 	@echo "make wheel         an installable wheel in dist/, with the page in it"
 	@echo "make clean         remove what the other targets made"
 
@@ -87,6 +87,11 @@ web: $(VENV)/.node
 
 types: $(VENV)/.tested $(VENV)/.node
 	@$(BIN)/python -m tools.build_page npm run types
+
+# The catalogs of the page's other languages, after a change of texts in the page or the server.
+texts: $(VENV)/.tested $(VENV)/.node
+	@$(BIN)/python -m tools.build_server_texts
+	@$(BIN)/python -m tools.build_page npm run --silent texts
 
 # --- checks ------------------------------------------------------------------------------------
 
