@@ -27,8 +27,6 @@ class Units(StrictBody):
     """Speed over ground and of the wind."""
     vertical_speed: Literal["m/s", "ft/min"] | None = None
     """Climb and descent."""
-    temperature: Literal["°C", "°F"] | None = None
-    """Temperatures."""
 
 
 class Voice(StrictBody):

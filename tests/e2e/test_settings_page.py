@@ -4,13 +4,15 @@ opened; wrong files are refused with the field's name and change nothing."""
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.e2e.browser import open_page, serious_violations
-from tests.e2e.fast_station import Station
+from tests.e2e.browser import confirm_by_slider, open_page, serious_violations
+from tests.e2e.fast_station import Station, take_off_to_hold
 
 pytestmark = [pytest.mark.browser]
 
@@ -73,3 +75,29 @@ def test_settings_follow_a_person_into_another_browser_and_a_file(
         assert other.evaluate(IS_DARK)
         other.get_by_role("button", name="Settings", exact=True).click()
         expect(other.get_by_label("Take-off", exact=True)).to_have_value("21")
+
+
+def test_an_altitude_given_in_feet_is_flown_in_metres(browser: Browser, station: Station) -> None:
+    """Field, bounds, confirmation and instruments are in feet; the vehicle flies the metres."""
+    take_off_to_hold(station.drone)
+    with open_page(browser, station.url, size=(1280, 800), scene=False) as page:
+        open_settings(page, "Will")
+        units = page.get_by_role("radiogroup", name="Units", exact=True)
+        units.get_by_role("radio", name="Imperial").click()
+        page.get_by_role("button", name="Close the settings").click()
+        expect(page.get_by_role("region", name="Attitude and heading")).to_contain_text("ft")
+        expect(page.locator(".bar")).to_have_text(re.compile(r"\d+ ft"))  # the map's scale
+        page.mouse.click(760, 300)
+        menu = page.get_by_role("dialog")
+        field = menu.get_by_label("Flight altitude above home", exact=True)
+        field.fill("4000")
+        expect(menu).to_contain_text("to 3280.83 ft.")
+        field.fill("60")
+        menu.get_by_role("button", name="Go here").click()
+        expect(page.get_by_role("alertdialog")).to_contain_text("at 60.0 ft above home")
+        confirm_by_slider(page)
+
+        def altitude_m(state: dict[str, Any]) -> float:
+            return state["topics"]["global_position"]["value"]["alt_home_m"]
+
+        station.drone.until(lambda v: abs(altitude_m(v) - 60 * 0.3048) < 0.5, what="60 ft above home")

@@ -15735,11 +15735,6 @@ export interface components {
              * @description Climb and descent.
              */
             readonly vertical_speed?: ("m/s" | "ft/min") | null;
-            /**
-             * Temperature
-             * @description Temperatures.
-             */
-            readonly temperature?: ("°C" | "°F") | null;
         };
         /**
          * UnregisterMode

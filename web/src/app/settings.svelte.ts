@@ -7,6 +7,7 @@ import type { ApiClient, Outcome } from '../api/client';
 import type { Problem } from '../api/problems';
 import type { components } from '../api/schema';
 import type { WireEvent } from '../live/wire';
+import { provideUnits } from '../ui/units';
 import { availableStorage } from './identity';
 
 /** Each value is one entry of the server's settings; null or missing: the default, which the feature that uses it has. */
@@ -188,3 +189,4 @@ function readStored(storage: SettingStorage): Stored | null {
 }
 
 export const userSettings = new UserSettings(availableStorage(() => localStorage));
+provideUnits(() => userSettings.get('units'));

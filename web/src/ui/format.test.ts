@@ -1,11 +1,11 @@
 import { describe, expect, it } from 'vitest';
-import { duration, durationText, fixed, heading, join, metres, wrap180 } from './format';
+import { distance, duration, durationText, fixed, heading, join, wrap180 } from './format';
 
 describe('the text of a number', () => {
   it('shows unknown values as a dash, never as zero', () => {
     for (const unknown of [null, undefined, NaN, Infinity]) {
       expect(fixed(unknown, 1)).toBe('–');
-      expect(metres(unknown).text).toBe('–');
+      expect(distance(unknown).text).toBe('–');
       expect(heading(unknown)).toBe('–');
       expect(duration(unknown)).toBe('–');
     }
@@ -16,10 +16,10 @@ describe('the text of a number', () => {
     expect(fixed(-0.04, 1, true)).toBe('0.0');
   });
   it('has fewer decimals for longer lengths', () => {
-    expect(metres(12.44)).toEqual({ text: '12.4', unit: 'm' });
-    expect(metres(412.4)).toEqual({ text: '412', unit: 'm' });
-    expect(metres(12_400)).toEqual({ text: '12.4', unit: 'km' });
-    expect(metres(99.96).text).toBe('100');
+    expect(distance(12.44)).toEqual({ text: '12.4', unit: 'm' });
+    expect(distance(412.4)).toEqual({ text: '412', unit: 'm' });
+    expect(distance(12_400)).toEqual({ text: '12.4', unit: 'km' });
+    expect(distance(99.96).text).toBe('100');
   });
   it('keeps headings in 000–359', () => {
     expect(heading(359.7)).toBe('000');

@@ -4,7 +4,7 @@ import { inPercent, limitProblem, parseNumber, quantityOf } from './fields';
 
 describe('a number field', () => {
   it('has unit, step and scale by its name, and the API’s bounds in the shown unit', () => {
-    expect(quantityOf('speed_m_s', BOUNDS.step_fly.speed_m_s)).toEqual({ unit: 'm/s', step: 0.5, scale: 1, above: 0, max: 100 });
+    expect(quantityOf('speed_m_s', BOUNDS.step_fly.speed_m_s)).toEqual({ unit: 'speed', step: 0.5, scale: 1, above: 0, max: 100 });
     expect(quantityOf('interval_ms')).toEqual({ unit: 'ms', step: 10, scale: 1 });
     expect(quantityOf('times')).toEqual({ unit: '', step: 1, scale: 1 });
     expect(quantityOf('roll_rad', { min: -1.5, max: 1.5 })).toMatchObject({ unit: '°', min: -85.94, max: 85.94 });

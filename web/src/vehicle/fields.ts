@@ -5,6 +5,9 @@
 
 import { BOUNDS } from '../api/bounds';
 import { DEG_PER_RAD } from '../ui/format';
+import { boundIn, typedNumber as parseTyped, unitText } from '../ui/units';
+
+export { typedNumber as parseTyped } from '../ui/units';
 
 /** Smallest and largest number of a field. */
 export interface Limits {
@@ -30,13 +33,13 @@ export interface ShownField extends Limits {
 
 export type FieldValue = number | string | boolean | null;
 
-/** Suffixes of field names, each with unit and step. The first match applies. */
+/** Suffixes of field names, each with unit or quantity (`ui/units.ts`) and step. The first match applies. */
 const UNITS: readonly (readonly [suffix: string, unit: string, step: number])[] = [
   ['_m_s2', 'm/s²', 0.5],
   ['_m_s3', 'm/s³', 0.5],
   ['_deg_s', '°/s', 1],
   ['_rad_s', '°/s', 5],
-  ['_m_s', 'm/s', 0.5],
+  ['_m_s', 'speed', 0.5],
   ['_rad', '°', 5],
   ['_deg', '°', 1],
   ['_percent', '%', 1],
@@ -48,11 +51,15 @@ const UNITS: readonly (readonly [suffix: string, unit: string, step: number])[] 
   ['_wh', 'Wh', 5],
   ['_kg', 'kg', 0.1],
   ['_w', 'W', 10],
-  ['_m', 'm', 1],
+  ['_m', 'length', 1],
   ['_s', 's', 1],
 ];
 /** Largest angle that a form accepts, in both directions [°]. */
 const FULL_TURN_DEG = 360;
+
+/** Names of fields whose lengths and speeds are vertical. */
+const VERTICAL = /(^|_)(alt|altitude|height|climb|sink|descent|base|lowest|top|value|up|look_at)_/;
+const VERTICAL_QUANTITY: Readonly<Record<string, string>> = { length: 'height', speed: 'climb' };
 
 /** How a quantity is shown. */
 export interface Quantity extends Limits {
@@ -64,7 +71,8 @@ export interface Quantity extends Limits {
 
 /** @param limits bounds in the API's unit. */
 export function quantityOf(name: string, limits: Limits = {}): Quantity {
-  const [suffix, unit, step] = UNITS.find(([candidate]) => name.endsWith(candidate)) ?? ['', '', 1];
+  const [suffix, found, step] = UNITS.find(([candidate]) => name.endsWith(candidate)) ?? ['', '', 1];
+  const unit = (VERTICAL.test(name) ? VERTICAL_QUANTITY[found] : undefined) ?? found;
   const scale = suffix.startsWith('_rad') ? DEG_PER_RAD : 1;
   return { unit, step, scale, ...(scale === 1 ? limits : inDegrees(limits, suffix === '_rad')) };
 }
@@ -98,22 +106,15 @@ export function limitsOf({ min, max, above }: { [L in keyof Limits]: Limits[L] |
   return { ...(min === undefined ? {} : { min }), ...(max === undefined ? {} : { max }), ...(above === undefined ? {} : { above }) };
 }
 
-/** A typed number, with comma or point and either minus sign; null if it is not a number. */
-export function parseTyped(text: string): number | null {
-  const normalized = text.trim().replace('−', '-').replace(',', '.');
-  if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(normalized)) return null;
-  const value = Number(normalized);
-  return Number.isFinite(value) ? value : null;
-}
-
-/** Why a number is outside its limits; null: it is inside. @param unit for the text. */
+/** Why a number is outside its limits; null: it is inside. @param unit for the text, or a quantity: the text then has the limits in the chosen unit. */
 export function limitProblem(value: number, { min, max, above }: Limits, unit = ''): string | null {
   const isInside = value >= (min ?? -Infinity) && value <= (max ?? Infinity) && value > (above ?? -Infinity);
   if (isInside) return null;
-  const withUnit = unit === '' ? '' : ` ${unit}`;
-  if (above !== undefined) return `Enter a number above ${above}${max === undefined ? '' : `, at most ${max}`}${withUnit}.`;
-  if (min !== undefined && max !== undefined) return `Enter a number from ${min} to ${max}${withUnit}.`;
-  return min === undefined ? `Enter a number of at most ${max}${withUnit}.` : `Enter a number of at least ${min}${withUnit}.`;
+  const withUnit = unit === '' ? '' : ` ${unitText(unit)}`;
+  const [least, most] = [min === undefined ? min : boundIn(unit, min, 'up'), max === undefined ? max : boundIn(unit, max, 'down')];
+  if (above !== undefined) return `Enter a number above ${boundIn(unit, above, 'up')}${most === undefined ? '' : `, at most ${most}`}${withUnit}.`;
+  if (least !== undefined && most !== undefined) return `Enter a number from ${least} to ${most}${withUnit}.`;
+  return least === undefined ? `Enter a number of at most ${most}${withUnit}.` : `Enter a number of at least ${least}${withUnit}.`;
 }
 
 /** The API accepts no larger numbers. */
@@ -121,11 +122,11 @@ const [LARGEST, LEAST] = [{ max: 1e9 }, { min: -1e9 }] as const;
 
 export type ParsedNumber = { ok: true; value: number | null } | { ok: false; problem: string };
 
-/** Parses a typed number. Empty text is null if the field is optional. */
-export function parseNumber(text: string, limits: Limits & { optional?: boolean } = {}): ParsedNumber {
+/** Parses a typed number, in SI units. Empty text is null if the field is optional. @param unit for the text of a problem. */
+export function parseNumber(text: string, limits: Limits & { optional?: boolean } = {}, unit = ''): ParsedNumber {
   if (text.trim() === '') return limits.optional === true ? { ok: true, value: null } : { ok: false, problem: 'Enter a number.' };
   const value = parseTyped(text);
   const problem =
-    value === null ? `“${text.trim()}” is not a number.` : limitProblem(value, { ...LARGEST, ...(limits.above === undefined ? LEAST : {}), ...limits });
+    value === null ? `“${text.trim()}” is not a number.` : limitProblem(value, { ...LARGEST, ...(limits.above === undefined ? LEAST : {}), ...limits }, unit);
   return problem === null ? { ok: true, value } : { ok: false, problem };
 }

@@ -103,19 +103,6 @@ export function pixelsPerMetre(view: MapView): number {
   return view.world_px / (2 * Math.PI * EARTH_RADIUS_M * Math.cos(lat_rad));
 }
 
-/** A round length [m] for a scale bar of about `pixels`: 1, 2 or 5 times a power of ten. */
-export function niceLength_m(px_per_m: number, pixels: number): number {
-  const length_m = pixels / px_per_m;
-  const power = 10 ** Math.floor(Math.log10(length_m));
-  const factor = [5, 2, 1].find((f) => f * power <= length_m) ?? 1;
-  return factor * power;
-}
-
-/** A round length as text: "50 m", "2 km". */
-export function lengthText(length_m: number): string {
-  return Math.abs(length_m) >= 1000 ? `${+(length_m / 1000).toFixed(3)} km` : `${+length_m.toFixed(3)} m`;
-}
-
 /**
  * The point that is nearest to the pixel `at`, within `maxDistance_px`; null if there is none.
  * @param pixelOf a point's pixel; null: it is not visible.

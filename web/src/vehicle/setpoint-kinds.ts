@@ -62,6 +62,9 @@ export interface KindSpec {
 const RAD = Math.PI / 180;
 const NOT_CONTROLLED = 'Altitude and position are not controlled: the vehicle drifts, climbs or descends.';
 
+/** Quantities (`ui/units.ts`) of the axis Up. */
+const VERTICAL: Readonly<Record<string, string>> = { length: 'height', speed: 'climb' };
+
 function axes(
   prefix: string,
   labels: readonly [string, string, string],
@@ -69,7 +72,7 @@ function axes(
   step: number,
   scales: readonly [number, number, number] = [1, 1, 1],
 ): Axis[] {
-  return labels.map((label, i) => ({ key: `${prefix}${i}`, label, unit, step, scale: scales[i] ?? 1 }));
+  return labels.map((label, i) => ({ key: `${prefix}${i}`, label, unit: (label === 'Up' ? VERTICAL[unit] : undefined) ?? unit, step, scale: scales[i] ?? 1 }));
 }
 
 const NEU: readonly [string, string, string] = ['North', 'East', 'Up'];
@@ -83,8 +86,8 @@ function quantity(field: string, title: string, quantityAxes: readonly Axis[], o
 
 const THRUST = quantity('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust (0 to 1)', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });
 
-const POSITION = quantity('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP_TO_DOWN));
-const VELOCITY = quantity('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP_TO_DOWN));
+const POSITION = quantity('position_ned_m', 'Position', axes('p', NEU, 'length', 0.5, UP_TO_DOWN));
+const VELOCITY = quantity('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'speed', 0.1, UP_TO_DOWN));
 const ACCELERATION = quantity('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP_TO_DOWN));
 
 export const KINDS: readonly KindSpec[] = [
@@ -98,7 +101,7 @@ export const KINDS: readonly KindSpec[] = [
     quantities: [
       quantity('lat_deg', 'Latitude', [{ key: 'lat', label: 'Latitude', unit: '°', scale: 1, min: -90, max: 90, step: 0.00001 }], { scalar: true }),
       quantity('lon_deg', 'Longitude', [{ key: 'lon', label: 'Longitude', unit: '°', scale: 1, min: -180, max: 180, step: 0.00001 }], { scalar: true }),
-      quantity('alt', 'Altitude', [{ key: 'alt', label: 'Altitude', unit: 'm', scale: 1, step: 0.5 }], { scalar: true }),
+      quantity('alt', 'Altitude', [{ key: 'alt', label: 'Altitude', unit: 'height', scale: 1, step: 0.5 }], { scalar: true }),
     ],
   },
   {
@@ -106,7 +109,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Offset',
     frame: 'from the current position, along the heading',
     warning: null,
-    quantities: [quantity('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP_TO_DOWN))],
+    quantities: [quantity('offset_frd_m', 'Offset', axes('o', FRU, 'length', 0.5, UP_TO_DOWN))],
     yaw: 'offset',
   },
   {
@@ -122,7 +125,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Velocity along heading',
     frame: 'forward, right, up',
     warning: 'The vehicle keeps moving until the setpoint changes or expires.',
-    quantities: [quantity('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP_TO_DOWN))],
+    quantities: [quantity('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'speed', 0.1, UP_TO_DOWN))],
     yaw: 'angle_or_rate',
   },
   {
@@ -179,7 +182,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Follow a vehicle',
     frame: 'at an offset along the other vehicle’s heading',
     warning: null,
-    quantities: [quantity('offset_frd_m', 'Offset from the other vehicle', axes('o', FRU, 'm', 0.5, UP_TO_DOWN))],
+    quantities: [quantity('offset_frd_m', 'Offset from the other vehicle', axes('o', FRU, 'length', 0.5, UP_TO_DOWN))],
     yaw: 'follow',
   },
   {

@@ -1,5 +1,6 @@
 /** Setpoints in the API's format, and nudging: moving a position setpoint in steps. */
 
+import { fromUnit, stepIn } from '../ui/units';
 import type { Outcome } from '../api/client';
 import type { components } from '../api/schema';
 import type { Vector3 } from '../live/topics';
@@ -16,16 +17,19 @@ export type NudgeAxis = 'north' | 'east' | 'up' | 'yaw';
 
 /** The distance and the turn of one nudge. */
 export interface NudgeSize {
-  label: string;
   metres: number;
   yaw_deg: number;
 }
 
-export const NUDGE_SIZES: readonly NudgeSize[] = [
-  { label: '0.5 m', metres: 0.5, yaw_deg: 5 },
-  { label: '1 m', metres: 1, yaw_deg: 15 },
-  { label: '5 m', metres: 5, yaw_deg: 45 },
-];
+/** Steps of 0.5, 1 and 5 m, or about as much in the chosen unit. */
+export function nudgeSizes(): readonly NudgeSize[] {
+  const sizes = [
+    { metres: 0.5, yaw_deg: 5 },
+    { metres: 1, yaw_deg: 15 },
+    { metres: 5, yaw_deg: 45 },
+  ];
+  return sizes.map(({ metres, yaw_deg }) => ({ metres: fromUnit('length', stepIn('length', metres)), yaw_deg }));
+}
 
 /** Any setpoint in the API's format. */
 export type AnySetpoint = Readonly<Record<string, unknown>> & { type: string };

@@ -1,7 +1,7 @@
 /** The vehicle actions: names, confirmation texts, reasons why an action is not possible, and API requests. */
 
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
-import { fixed, metres, UNKNOWN } from '../../ui/format';
+import { distanceText as knownDistanceText, heightText } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { StreamStart } from '../../vehicle/setpoint';
 
@@ -51,12 +51,11 @@ export interface ConfirmationTexts {
 const OFFBOARD_ENDS = ' Offboard ends.';
 
 function distanceText(distance_m: number | null): string {
-  const { text, unit } = metres(distance_m);
-  return text === UNKNOWN ? 'an unknown distance' : `${text} ${unit}`;
+  return distance_m === null ? 'an unknown distance' : knownDistanceText(distance_m);
 }
 
 function altitudeText(facts: ActionFacts): string {
-  return facts.alt_home_m === null ? 'an unknown altitude' : `${fixed(facts.alt_home_m, 1)} m above home`;
+  return facts.alt_home_m === null ? 'an unknown altitude' : `${heightText(facts.alt_home_m)} above home`;
 }
 
 /** The altitude and distance of the return flight, as far as known. */
@@ -64,8 +63,8 @@ function returnText(facts: ActionFacts): string {
   const alt_m = facts.returnAlt_home_m ?? null;
   if (alt_m === null) return `Climbs to the return altitude, flies ${distanceText(facts.homeDistance_m)} back`;
   if (facts.alt_home_m !== null && facts.alt_home_m >= alt_m)
-    return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${distanceText(facts.homeDistance_m)} back`;
-  return `Climbs to the return altitude, ${fixed(alt_m, 0)} m above home (lower near home), flies ${distanceText(facts.homeDistance_m)} back`;
+    return `Stays at ${heightText(facts.alt_home_m)} above home, flies ${distanceText(facts.homeDistance_m)} back`;
+  return `Climbs to the return altitude, ${heightText(alt_m, 0)} above home (lower near home), flies ${distanceText(facts.homeDistance_m)} back`;
 }
 
 /** What the vehicle does when it is armed in its present mode. */
@@ -124,7 +123,7 @@ export function confirmationTexts(
     case 'takeoff':
       return {
         title: `Take off: ${name}`,
-        effect: `${facts.armed ? 'Climbs' : 'Arms, climbs'} to ${fixed(facts.takeoffAlt_home_m, 1)} m above home and holds there.${facts.battery_percent === null ? '' : ` Battery ${facts.battery_percent} %.`}`,
+        effect: `${facts.armed ? 'Climbs' : 'Arms, climbs'} to ${heightText(facts.takeoffAlt_home_m)} above home and holds there.${facts.battery_percent === null ? '' : ` Battery ${facts.battery_percent} %.`}`,
         verb: 'Take off',
         danger: false,
       };
@@ -142,7 +141,7 @@ export function confirmationTexts(
         ? null
         : {
             title: `Send ${name} here`,
-            effect: `Flies ${distanceText(target.distance_m)} to this position at ${fixed(target.alt_home_m, 1)} m above home${target.time_s === null ? '' : ` in about ${Math.round(target.time_s)} s`} and holds there. The vehicle is at ${altitudeText(facts)} now.${offboardEnds}`,
+            effect: `Flies ${distanceText(target.distance_m)} to this position at ${heightText(target.alt_home_m)} above home${target.time_s === null ? '' : ` in about ${Math.round(target.time_s)} s`} and holds there. The vehicle is at ${altitudeText(facts)} now.${offboardEnds}`,
             verb: 'Go',
             danger: false,
           };

@@ -1,5 +1,6 @@
 /** Asks for confirmation, sends commands, and shows a refusal beside the button that was pressed. */
 
+import { boundIn, unitText } from '../../ui/units';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { BOUNDS } from '../../api/bounds';
 import type { ApiClient, Outcome } from '../../api/client';
@@ -203,7 +204,9 @@ export class ActionController {
   enterTakeoffAltitude(alt_home_m: number): void {
     const { min, max } = TAKEOFF_RANGE_M;
     const isValid = Number.isFinite(alt_home_m) && alt_home_m >= min && alt_home_m <= max;
-    this.takeoffProblem = isValid ? null : `Enter an altitude from ${min} to ${max} m above home.`;
+    this.takeoffProblem = isValid
+      ? null
+      : `Enter an altitude from ${boundIn('height', min, 'up')} to ${boundIn('height', max, 'down')} ${unitText('height')} above home.`;
     if (isValid) this.typedAlt_home_m = alt_home_m;
     if (this.confirmation === null) return;
     this.confirmation.slider.blocked = !isValid;

@@ -1,9 +1,10 @@
 /** Commands in guided flight: their values, what PX4 limits, their effect before and their progress after. Pure functions. */
 
+import { boundIn, unitText } from '../../ui/units';
 import { BOUNDS } from '../../api/bounds';
 import type { ConfirmationTexts } from '../../app/actions/actions';
 import type { LayerContent, LayerPosition } from '../../app/map-layers.svelte';
-import { fixed, heading, metres, UNKNOWN, wrap180 } from '../../ui/format';
+import { distanceText, heading, heightText, lengthText, shortText, speedText, UNKNOWN, wrap180 } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { bearing_rad, groundDistance_m, positionAt, type GeoPosition } from '../../vehicle/geo';
 
@@ -47,10 +48,10 @@ export const FIELDS: Readonly<Record<Kind, readonly Field[]>> = {
 };
 const OPTIONAL: Readonly<Partial<Record<Kind, readonly Field[]>>> = { go: ['speed_m_s', 'yaw_ned_deg'] };
 export const FIELD_NAMES: Readonly<Record<Field, { readonly label: string; readonly unit: string; readonly step: number }>> = {
-  alt_home_m: { label: 'Altitude above home', unit: 'm', step: 1 },
+  alt_home_m: { label: 'Altitude above home', unit: 'height', step: 1 },
   yaw_ned_deg: { label: 'Heading', unit: '°', step: 5 },
-  speed_m_s: { label: 'Ground speed', unit: 'm/s', step: 0.5 },
-  radius_m: { label: 'Radius', unit: 'm', step: 1 },
+  speed_m_s: { label: 'Ground speed', unit: 'speed', step: 0.5 },
+  radius_m: { label: 'Radius', unit: 'length', step: 1 },
 };
 
 /** A vehicle's limits and speeds, from its parameters; null: not known. */
@@ -119,11 +120,12 @@ export function fieldProblem(draft: Draft, field: Field, limits: Limits): string
   const { label, unit } = FIELD_NAMES[field];
   if (value === null) return OPTIONAL[draft.kind]?.includes(field) === true ? null : `${label}: enter a number.`;
   const { min, max, name } = boundsOf(field, limits);
-  if (!(value >= min && value <= max)) return `From ${min} to ${fixedShort(max)} ${unit}${name === null ? '' : ` (${name})`}.`;
+  if (!(value >= min && value <= max))
+    return `From ${boundIn(unit, min, 'up')} to ${fixedShort(boundIn(unit, max, 'down'))} ${unitText(unit)}${name === null ? '' : ` (${name})`}.`;
   if (draft.kind !== 'orbit' || field !== 'speed_m_s') return null;
   const radius_m = numberOf(draft, 'radius_m');
   if (radius_m === null || !(radius_m > 0) || value <= orbitSpeedMax_m_s(radius_m)) return null;
-  return `At ${fixedShort(radius_m)} m the vehicle flies at most ${fixedShort(Math.floor(orbitSpeedMax_m_s(radius_m) * 10) / 10)} m/s.`;
+  return `At ${shortText('length', radius_m)} the vehicle flies at most ${shortText('speed', Math.floor(orbitSpeedMax_m_s(radius_m) * 10) / 10)}.`;
 }
 
 function fixedShort(value: number): string {
@@ -178,16 +180,11 @@ export function fenceText(draft: Draft, facts: VehicleFacts, limits: Limits): st
   const alt_m = number(draft, 'alt_home_m');
   const texts = [
     draft.kind !== 'altitude' && radius_m !== null && away_m > radius_m
-      ? `Up to ${distanceText(away_m)} from home: the geofence allows ${fixedShort(radius_m)} m (${PARAMETERS.fenceRadius_m}).`
+      ? `Up to ${distanceText(away_m)} from home: the geofence allows ${shortText('length', radius_m)} (${PARAMETERS.fenceRadius_m}).`
       : '',
-    height_m !== null && alt_m > height_m ? `Above the geofence, which allows ${fixedShort(height_m)} m above home (${PARAMETERS.fenceHeight_m}).` : '',
+    height_m !== null && alt_m > height_m ? `Above the geofence, which allows ${shortText('height', height_m)} above home (${PARAMETERS.fenceHeight_m}).` : '',
   ];
   return texts.filter(Boolean).join(' ');
-}
-
-function distanceText(value_m: number): string {
-  const { text, unit } = metres(value_m);
-  return `${text} ${unit}`;
 }
 
 function seconds(value_s: number): string {
@@ -217,11 +214,11 @@ export function effectText(draft: Draft, facts: VehicleFacts, limits: Limits): s
       const yaw_deg = numberOf(draft, 'yaw_ned_deg');
       const time_s = speed_m_s === null ? null : Math.max(away_m / speed_m_s, climbTime_s(climb_m, limits) ?? 0);
       const nose = yaw_deg === null ? '' : ` The nose points to ${heading(yaw_deg)}°.`;
-      return `Flies ${distanceText(away_m)} at ${speed_m_s === null ? 'its own speed' : `${fixedShort(speed_m_s)} m/s`} to ${fixed(alt_m, 1)} m above home${time_s === null ? '' : ` in ${seconds(time_s)}`} and holds there.${nose}${leaves}${stream}`;
+      return `Flies ${distanceText(away_m)} at ${speed_m_s === null ? 'its own speed' : shortText('speed', speed_m_s)} to ${heightText(alt_m)} above home${time_s === null ? '' : ` in ${seconds(time_s)}`} and holds there.${nose}${leaves}${stream}`;
     }
     case 'altitude': {
       const time_s = climbTime_s(climb_m, limits);
-      return `${climb_m < 0 ? 'Descends' : 'Climbs'} ${fixed(Math.abs(climb_m), 1)} m to ${fixed(alt_m, 1)} m above home${time_s === null ? '' : ` in ${seconds(time_s)}`}; a flight to a position continues.${leaves}${stream}`;
+      return `${climb_m < 0 ? 'Descends' : 'Climbs'} ${heightText(Math.abs(climb_m))} to ${heightText(alt_m)} above home${time_s === null ? '' : ` in ${seconds(time_s)}`}; a flight to a position continues.${leaves}${stream}`;
     }
     case 'heading': {
       const turn_deg = wrap180(number(draft, 'yaw_ned_deg') - (position.heading_deg ?? NaN));
@@ -231,12 +228,12 @@ export function effectText(draft: Draft, facts: VehicleFacts, limits: Limits): s
       return `Turns${turn} to ${heading(number(draft, 'yaw_ned_deg'))}°${rate}.${once}${leaves}${stream}`;
     }
     case 'speed':
-      return `Flies to positions and the mission at ${fixedShort(number(draft, 'speed_m_s'))} m/s until the next change of mode${limits.cruise_m_s === null ? '' : `; its default is ${fixedShort(limits.cruise_m_s)} m/s`}.`;
+      return `Flies to positions and the mission at ${shortText('speed', number(draft, 'speed_m_s'))} until the next change of mode${limits.cruise_m_s === null ? '' : `; its default is ${shortText('speed', limits.cruise_m_s)}`}.`;
     case 'orbit': {
       const [radius_m, speed_m_s] = [number(draft, 'radius_m'), number(draft, 'speed_m_s')];
       const round_s = (2 * Math.PI * radius_m) / speed_m_s;
       const approach_m = Math.abs(away_m - radius_m);
-      return `Flies ${distanceText(approach_m)} to a circle of ${fixedShort(radius_m)} m radius at ${fixed(alt_m, 1)} m above home, and circles ${draft.clockwise ? 'clockwise' : 'counter-clockwise'} at ${fixedShort(speed_m_s)} m/s, ${seconds(round_s)} a round, until another command.${leaves}${stream}`;
+      return `Flies ${distanceText(approach_m)} to a circle of ${shortText('length', radius_m)} radius at ${heightText(alt_m)} above home, and circles ${draft.clockwise ? 'clockwise' : 'counter-clockwise'} at ${shortText('speed', speed_m_s)}, ${seconds(round_s)} a round, until another command.${leaves}${stream}`;
     }
     case 'home':
       return homeText(draft, facts, limits, at);
@@ -249,9 +246,9 @@ function homeText(draft: Draft, facts: VehicleFacts, limits: Limits, at: GeoPosi
   if (position === undefined) return '';
   const alt_amsl_m = draft.place === null ? position.alt_amsl_m : (draft.place.ground_amsl_m ?? home?.alt_amsl_m ?? null);
   const moved = home === undefined ? '' : `, ${distanceText(groundDistance_m(home, at))} from the present home`;
-  const returns = ` Return flies here and lands here${limits.returnAlt_m === null ? '' : `, at ${fixedShort(limits.returnAlt_m)} m above this home`}.`;
+  const returns = ` Return flies here and lands here${limits.returnAlt_m === null ? '' : `, at ${shortText('height', limits.returnAlt_m)} above this home`}.`;
   const above_m = alt_amsl_m === null ? null : position.alt_amsl_m - alt_amsl_m;
-  const heights = above_m === null ? '' : ` Altitudes above home count from here: the vehicle is then at ${fixed(above_m, 1)} m.`;
+  const heights = above_m === null ? '' : ` Altitudes above home count from here: the vehicle is then at ${heightText(above_m)}.`;
   return `Sets home to ${draft.place === null ? 'the vehicle’s position and altitude' : 'this position'}${moved}.${returns}${heights} Geofence and limits around home move with it. The vehicle sets home again when it is armed.`;
 }
 
@@ -366,7 +363,7 @@ export function progressOf({ draft, at }: Accepted, facts: VehicleFacts): Progre
       return { text: `Turned to ${heading(number(draft, 'yaw_ned_deg'))}°.`, ended: true };
     case 'speed':
       return {
-        text: `Ground speed ${fixed(facts.hud?.value.groundspeed_m_s, 1)} m/s now, ${fixedShort(number(draft, 'speed_m_s'))} m/s commanded.`,
+        text: `Ground speed ${speedText(facts.hud?.value.groundspeed_m_s)} now, ${shortText('speed', number(draft, 'speed_m_s'))} commanded.`,
         ended: false,
       };
     case 'orbit': {
@@ -374,14 +371,14 @@ export function progressOf({ draft, at }: Accepted, facts: VehicleFacts): Progre
       const { radius_m, clockwise } = facts.orbit.value;
       const away_m = groundDistance_m(facts.orbit.value, position);
       const direction = clockwise ? 'clockwise' : 'counter-clockwise';
-      return { text: `Orbit of ${fixedShort(radius_m)} m, ${direction}: ${fixed(away_m, 1)} m from the centre.`, ended: false };
+      return { text: `Orbit of ${shortText('length', radius_m)}, ${direction}: ${lengthText(away_m)} from the centre.`, ended: false };
     }
     default: {
       if (mode !== 'hold') return { text: `Interrupted: the vehicle is in ${label}.`, ended: true };
       const alt_m = number(draft, 'alt_home_m');
       const left_m = draft.kind === 'go' ? Math.hypot(groundDistance_m(position, at), alt_m - position.alt_home_m) : Math.abs(alt_m - position.alt_home_m);
-      if (left_m < 1.5) return { text: draft.kind === 'go' ? 'Reached the position.' : `Reached ${fixed(alt_m, 1)} m above home.`, ended: true };
-      return { text: `${fixed(left_m, 1)} m left.`, ended: false };
+      if (left_m < 1.5) return { text: draft.kind === 'go' ? 'Reached the position.' : `Reached ${heightText(alt_m)} above home.`, ended: true };
+      return { text: `${lengthText(left_m)} left.`, ended: false };
     }
   }
 }

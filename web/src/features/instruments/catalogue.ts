@@ -3,11 +3,12 @@
  * gives the unit. The grid shows angles in degrees.
  */
 
+import { unitText } from '../../ui/units';
 import { FIELDS } from '../../api/fields';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { FlightClock } from '../../live/flight-time';
 import type { Reading } from '../../live/vehicle-state';
-import { DEG_PER_RAD, fixed, heading, metres, UNKNOWN, duration } from '../../ui/format';
+import { DEG_PER_RAD, distance, duration, fixed, heading, shown, UNKNOWN } from '../../ui/format';
 import { headingDeg } from './attitude';
 
 /** The data from which a value is read. */
@@ -29,27 +30,31 @@ export interface Quantity {
   id: string;
   label: string;
   group: string;
+  /** A text, or a quantity of `ui/units.ts`. */
   unit: string;
   topic: string | null;
   read: (source: Source) => DisplayedValue;
 }
 
 const UNITS: readonly [string, string, number, number][] = [
-  // suffix, unit shown, factor, decimals
+  // suffix, unit or quantity (`ui/units.ts`), factor, decimals
   ['_rad_s', '°/s', DEG_PER_RAD, 1],
   ['_deg_s', '°/s', 1, 1],
   ['_m_s2', 'm/s²', 1, 2],
-  ['_m_s', 'm/s', 1, 1],
+  ['_m_s', 'speed', 1, 1],
   ['_rad', '°', DEG_PER_RAD, 1],
   ['_deg', '°', 1, 1],
   ['_percent', '%', 1, 0],
   ['_mah', 'mAh', 1, 0],
   ['_us', 'µs', 1, 0],
-  ['_m', 'm', 1, 1],
+  ['_m', 'length', 1, 1],
   ['_s', 's', 1, 1],
   ['_v', 'V', 1, 2],
   ['_a', 'A', 1, 1],
 ];
+/** Names of fields whose lengths and speeds are vertical. */
+const VERTICAL = /(^|_)(alt|climb|vertical|height)_/;
+const VERTICAL_QUANTITY: Readonly<Record<string, string>> = { length: 'height', speed: 'climb' };
 const AXES_NED = ['north', 'east', 'down'] as const;
 const AXES_FRD = ['roll', 'pitch', 'yaw'] as const;
 
@@ -141,13 +146,15 @@ function plainText(value: unknown, factor: number, decimals: number): string {
 
 function fieldQuantity(topic: string, field: string, index: number | null, label: string): Quantity {
   const { unit, factor, decimals } = fieldFormat(field);
+  const isVertical = VERTICAL.test(field) || (index === 2 && field.includes('_ned'));
+  const quantity = (isVertical ? VERTICAL_QUANTITY[unit] : undefined) ?? unit;
   const isLatLon = LAT_LON.test(field);
   const isInteger = index === null && INTEGER_FIELDS.has(field);
   const numberOffset = ITEM_NUMBER_FIELDS.has(`${topic}.${field}`) ? 1 : 0;
   return {
     id: index === null ? `${topic}.${field}` : `${topic}.${field}.${index}`,
     label,
-    unit,
+    unit: quantity,
     topic,
     group: GROUP_LABELS[topic] ?? topic,
     read: (source) => {
@@ -157,9 +164,9 @@ function fieldQuantity(topic: string, field: string, index: number | null, label
       // A float always shows all its decimals, because a number that changes its width is hard to read.
       const text =
         typeof value === 'number' && !isInteger
-          ? fixed(value * factor, isLatLon ? 6 : unit === '' ? 2 : decimals)
+          ? shown(quantity, value * factor, isLatLon ? 6 : unit === '' ? 2 : decimals).text
           : plainText(typeof value === 'number' ? value + numberOffset : value, factor, decimals);
-      return { text, unit, stale: reading?.stale ?? false, age_s: reading?.age_s ?? null };
+      return { text, unit: unitText(quantity), stale: reading?.stale ?? false, age_s: reading?.age_s ?? null };
     },
   };
 }
@@ -205,20 +212,20 @@ const DERIVED_QUANTITIES: readonly Quantity[] = [
     id: 'flown.climb',
     label: 'Vertical speed',
     group: 'In flight',
-    unit: 'm/s',
+    unit: 'climb',
     topic: null,
     read: ({ facts }) => {
       const { speed_m_s, stale, age_s } = verticalSpeed(facts);
-      return { text: fixed(speed_m_s, 1, true), unit: 'm/s', stale, age_s };
+      return { ...shown('climb', speed_m_s, 1, true), stale, age_s };
     },
   },
   {
     id: 'flown.from_home',
     label: 'From home',
     group: 'In flight',
-    unit: 'm',
+    unit: 'length',
     topic: null,
-    read: ({ facts }) => ({ ...metres(facts.homeDistance_m), stale: facts.globalPosition?.stale ?? false, age_s: facts.globalPosition?.age_s ?? null }),
+    read: ({ facts }) => ({ ...distance(facts.homeDistance_m), stale: facts.globalPosition?.stale ?? false, age_s: facts.globalPosition?.age_s ?? null }),
   },
   {
     id: 'flown.time',
@@ -276,7 +283,7 @@ export function searchValues(searchText: string, chosenIds: readonly string[]): 
     .split(/\s+/)
     .filter((w) => w !== '');
   return CATALOGUE.filter((q) => {
-    const text = `${q.label} ${q.group} ${q.unit} ${q.id}`.toLowerCase();
+    const text = `${q.label} ${q.group} ${unitText(q.unit)} ${q.id}`.toLowerCase();
     return !chosenIds.includes(q.id) && words.every((w) => text.includes(w));
   });
 }

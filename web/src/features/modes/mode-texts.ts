@@ -2,7 +2,7 @@
 
 import type { components } from '../../api/schema';
 import { actionFacts, reasonUnavailable, type ActionName, type ConfirmationTexts } from '../../app/actions/actions';
-import { fixed, UNKNOWN } from '../../ui/format';
+import { heightText } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 
 export type ModeChoice = components['schemas']['ModeChoice'];
@@ -83,7 +83,7 @@ export function modeGroups(modes: readonly ModeChoice[], facts: VehicleFacts): M
 export function modeTexts({ mode, label, caution }: ModeRow, facts: VehicleFacts): ConfirmationTexts {
   const { text, danger = false } = effectOf(mode);
   const alt_m = facts.globalPosition?.value.alt_home_m ?? null;
-  const now = facts.inAir ? ` It flies at ${alt_m === null ? UNKNOWN : fixed(alt_m, 1)} m above home now.` : ' It is on the ground.';
+  const now = facts.inAir ? ` It flies at ${heightText(alt_m)} above home now.` : ' It is on the ground.';
   const stream = facts.offboard?.streaming === true ? ' Offboard ends.' : '';
   const cannot = caution === null ? '' : ` It cannot fly in this mode now: ${caution}`;
   return { title: `Mode ${label}: ${facts.name}`, effect: `${text}${now}${stream}${cannot}`, verb: label, danger: danger && facts.inAir };

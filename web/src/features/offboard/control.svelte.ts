@@ -11,7 +11,7 @@ import {
   toRequestSetpoint,
   DEFAULT_VALIDITY,
   nudge,
-  NUDGE_SIZES,
+  nudgeSizes,
   type AnySetpoint,
   type NudgeAxis,
   type Validity,
@@ -42,7 +42,12 @@ function positionUnknownRefusal({ localPosition, attitude }: VehicleFacts): Outc
 const TRANSIENT_CODES: readonly string[] = ['unreachable', 'refused'];
 
 export class OffboardControl {
-  nudgeSize = $state.raw<NudgeSize>(NUDGE_SIZES[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
+  /** Which of the steps is chosen. */
+  nudgeIndex = $state(1);
+
+  get nudgeSize(): NudgeSize {
+    return nudgeSizes()[this.nudgeIndex] ?? { metres: 1, yaw_deg: 15 };
+  }
   private readonly renewers = new Map<string, { readonly renewer: SetpointRenewer; readonly fixed: FixedVehicles }>();
   /** Called when this page sends a setpoint to one vehicle, which then no longer follows its group. */
   onVehicleSetpoint: (id: string) => void = () => undefined;

@@ -3,7 +3,7 @@ import { ApiClient } from '../../api/client';
 import { CommandQueue } from '../../api/command-queue';
 import { OffboardControl } from './control.svelte';
 import { SetpointRenewer, type RenewalResult } from './renewer';
-import { DEFAULT_VALIDITY, nudge, NUDGE_SIZES, type PositionSetpoint } from '../../vehicle/setpoint';
+import { DEFAULT_VALIDITY, nudge, nudgeSizes, type PositionSetpoint } from '../../vehicle/setpoint';
 import { expiryText, positionError_m, limitsNotice, nudgeBase, readOffboard } from '../../vehicle/offboard';
 
 describe('offboard', () => {
@@ -71,7 +71,7 @@ describe('offboard', () => {
     const stream = readOffboard(rawStatus);
     const base = stream && nudgeBase(stream, [9, 9, 9], 3);
     expect(base).toEqual({ type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 });
-    const [, step1, step5] = NUDGE_SIZES;
+    const [, step1, step5] = nudgeSizes();
     if (!base || !step1 || !step5) throw new Error('no steps');
     expect(nudge(base, 'up', 1, step1).position_ned_m).toEqual([1, 2, -4]);
     expect(nudge(base, 'north', -1, step5).position_ned_m).toEqual([-4, 2, -3]);

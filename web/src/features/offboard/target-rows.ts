@@ -1,7 +1,7 @@
 /** The displayed values of a target in the local frame, and the texts of their step buttons. Pure functions. */
 
 import type { MaybeVector3 } from '../../live/topics';
-import { fixed } from '../../ui/format';
+import { fixed, shown } from '../../ui/format';
 
 export interface TargetRow {
   name: string;
@@ -27,18 +27,17 @@ export function targetRows(
   yaw_deg: number | null,
   steps: { distance: string; yaw_deg: number },
 ): TargetRow[] {
-  const row = (name: string, title: string, value_m: number | null, negative: string, positive: string): TargetRow => ({
+  const row = (name: string, title: string, quantity: string, value_m: number | null, negative: string, positive: string): TargetRow => ({
     name,
     title,
-    text: fixed(value_m, 1),
-    unit: 'm',
+    ...shown(quantity, value_m),
     decreaseText: `${steps.distance} ${negative}`,
     increaseText: `${steps.distance} ${positive}`,
   });
   return [
-    row(names[0], 'North of the local origin', north_m, 'south', 'north'),
-    row(names[1], 'East of the local origin', east_m, 'west', 'east'),
-    row(names[2], 'Altitude above the local origin', down_m === null ? null : -down_m, 'down', 'up'),
+    row(names[0], 'North of the local origin', 'length', north_m, 'south', 'north'),
+    row(names[1], 'East of the local origin', 'length', east_m, 'west', 'east'),
+    row(names[2], 'Altitude above the local origin', 'height', down_m === null ? null : -down_m, 'down', 'up'),
     {
       name: 'Yaw',
       title: 'Yaw from north',

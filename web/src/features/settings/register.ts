@@ -14,6 +14,7 @@ registry.addRoom({
 });
 registry.addSettingsPage({ id: 'general', title: 'General', order: 10, load: () => import('./GeneralPage.svelte') });
 registry.addTo('settings', { order: 10, load: async () => ({ component: (await import('./PersonSection.svelte')).default }) });
+registry.addTo('settings', { order: 30, load: async () => ({ component: (await import('./UnitSection.svelte')).default }) });
 registry.addTo('settings', { order: 40, load: async () => ({ component: (await import('./AltitudeSection.svelte')).default }) });
 registry.addTo('settings', { order: 90, load: async () => ({ component: (await import('./FileSection.svelte')).default }) });
 registry.addKeys([

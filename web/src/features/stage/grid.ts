@@ -1,6 +1,7 @@
-/** The metric grid around the reference position (normally home); its spacing depends on the zoom. */
+/** The grid around the reference position (normally home); its spacing depends on the zoom. */
 
-import { eastNorth, fromPixel, lengthText, pixelsPerMetre, positionAt, toPixel, type EastNorth, type MapView, type GeoPosition } from '../../vehicle/geo';
+import { roundLengthAbove_m, roundLengthText } from '../../ui/format';
+import { eastNorth, fromPixel, pixelsPerMetre, positionAt, toPixel, type EastNorth, type MapView, type GeoPosition } from '../../vehicle/geo';
 import type { DistanceReference } from './map-model';
 
 /** Minimum side of a small cell on the screen [px]; the next larger spacing is ten times as long. */
@@ -9,9 +10,9 @@ const MIN_CELL_PX = 34;
 const MAX_GRID_M = 500_000;
 const MAX_LINES = 400;
 
-/** Side of a small cell [m]: the smallest power of ten that is wide enough on the screen, at least 1 m. Every tenth line is strong. */
+/** Side of a small cell [m]: the smallest power of ten of the unit that is wide enough on the screen, at least 1. Every tenth line is strong. */
 export function gridStep_m(px_per_m: number): number {
-  return Math.max(1, 10 ** Math.ceil(Math.log10(MIN_CELL_PX / px_per_m) - 1e-9));
+  return roundLengthAbove_m(MIN_CELL_PX / px_per_m);
 }
 
 /** A rectangle, relative to the reference position [m]. */
@@ -87,7 +88,7 @@ export function edgeLabels(view: MapView, reference: DistanceReference): EdgeLab
   const farthest_m = Math.max(Math.abs(box.west_m), Math.abs(box.east_m), Math.abs(box.south_m), Math.abs(box.north_m));
   if (farthest_m > MAX_GRID_M) return [];
   const labelText = (metres: number, plus: string, minus: string): string =>
-    metres === 0 ? reference.name : `${lengthText(Math.abs(metres))} ${metres > 0 ? plus : minus}`;
+    metres === 0 ? reference.name : `${roundLengthText(Math.abs(metres))} ${metres > 0 ? plus : minus}`;
   const labels: EdgeLabel[] = [];
   for (const k of multiples(box.west_m, box.east_m, spacing_m)) {
     labels.push({ x: toPixel(view, positionAt(reference, { east_m: k * spacing_m, north_m: 0 })).x, y: 0, text: labelText(k * spacing_m, 'E', 'W') });

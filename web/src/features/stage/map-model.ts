@@ -6,7 +6,7 @@ import { ageText } from '../../live/age';
 import type { TelemetryStore } from '../../live/store';
 import type { VehicleState } from '../../live/vehicle-state';
 import { obstaclePositions, MAX_AGE_S } from '../../vehicle/obstacles';
-import { fixed } from '../../ui/format';
+import { heightText } from '../../ui/format';
 import type { MapPreview } from '../../app/preview.svelte';
 import { groundDistance_m, positionAt, type GeoPosition } from '../../vehicle/geo';
 
@@ -72,7 +72,7 @@ function streamedSetpoint(facts: VehicleFacts, position: GeoPosition): MapTarget
   const [north, east, down] = stream.position_ned_m;
   if (north === null || east === null) return null;
   const setpoint = positionAt(position, { north_m: north - local_ned_m[0], east_m: east - local_ned_m[1] });
-  return { ...setpoint, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m above local origin`}` };
+  return { ...setpoint, kind: 'go', label: `target${down === null ? '' : ` ${heightText(-down)} above local origin`}` };
 }
 
 function previewTarget(id: string, preview: MapPreview | null): MapTarget | null {
@@ -86,7 +86,7 @@ function requestedTarget(kind: MapTarget['kind'], name: string, target: Requeste
         kind,
         lat_deg: target.lat_deg,
         lon_deg: target.lon_deg,
-        label: target.alt_home_m === null ? name : `${name} ${fixed(target.alt_home_m, 1)} m above home`,
+        label: target.alt_home_m === null ? name : `${name} ${heightText(target.alt_home_m)} above home`,
       };
 }
 
@@ -114,7 +114,7 @@ function vehicleLabel(facts: VehicleFacts): string {
   const position = facts.globalPosition;
   if (position === null) return facts.id;
   const warning = facts.lost ? ' · connection lost' : position.stale ? ` · ${ageText(position.age_s)} old` : '';
-  return `${facts.id} · ${fixed(position.value.alt_home_m, 1)} m above home${warning}`;
+  return `${facts.id} · ${heightText(position.value.alt_home_m)} above home${warning}`;
 }
 
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */

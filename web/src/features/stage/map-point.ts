@@ -4,7 +4,7 @@
 
 import { BOUNDS } from '../../api/bounds';
 import type { VehicleFacts } from '../../vehicle/facts';
-import { fixed, metres, toDeg, wrap180 } from '../../ui/format';
+import { distanceText, fixed, heightText, toDeg, wrap180 } from '../../ui/format';
 import { angleLimits, type Angles } from '../../vehicle/gimbal';
 import { bearing_rad, groundDistance_m, type Pixel, type GeoPosition } from '../../vehicle/geo';
 
@@ -83,9 +83,8 @@ export function whyNotGo(facts: VehicleFacts, mapPoint: MapPoint, alt_home_m: nu
   if (facts.home === null) return NO_HOME;
   if (!facts.inAir) return 'The vehicle is on the ground: take off first.';
   const ground_m = ground_home_m(facts, mapPoint);
-  if (ground_m !== null && alt_home_m < ground_m) return `The ground at this position is ${fixed(ground_m, 1)} m above home: choose a greater altitude.`;
-  const { text, unit } = metres(toPoint_m);
-  return toPoint_m > MAX_GO_DISTANCE_M ? `${text} ${unit} away; the limit is ${MAX_GO_DISTANCE_M} m. Fly there in shorter legs.` : null;
+  if (ground_m !== null && alt_home_m < ground_m) return `The ground at this position is ${heightText(ground_m)} above home: choose a greater altitude.`;
+  return toPoint_m > MAX_GO_DISTANCE_M ? `${distanceText(toPoint_m)} away; the limit is ${distanceText(MAX_GO_DISTANCE_M)}. Fly there in shorter legs.` : null;
 }
 
 /**
@@ -139,10 +138,9 @@ export function altitudeInRange(value_m: number): number | null {
 const COMPASS = ['north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west', 'north-west'];
 
 /** Distance and direction to a position: "34 m north-east". */
-export function distanceText(from: GeoPosition, to: GeoPosition): string {
-  const { text, unit } = metres(groundDistance_m(from, to));
+export function directionText(from: GeoPosition, to: GeoPosition): string {
   const direction = COMPASS[Math.round(bearing_rad(from, to) / (Math.PI / 4) + 8) % 8] ?? 'north';
-  return `${text} ${unit} ${direction}`;
+  return `${distanceText(groundDistance_m(from, to))} ${direction}`;
 }
 
 export interface Size {

@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../vehicle/geo';
-import { areaText, legText, measured } from './measure';
+import { areaText } from '../../ui/format';
+import { legText, measured } from './measure';
 import { MAX_MEASURED_POINTS, Measurement } from './measure.svelte';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };

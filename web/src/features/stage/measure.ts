@@ -1,7 +1,7 @@
 /** Distances, bearings and the area of a line or an area on the map. Pure functions. */
 
 import type { LayerContent } from '../../app/map-layers.svelte';
-import { heading, metres, toDeg } from '../../ui/format';
+import { distanceText, heading, toDeg } from '../../ui/format';
 import { bearing_rad, eastNorth, groundDistance_m, type GeoPosition } from '../../vehicle/geo';
 
 export interface MeasuredLeg {
@@ -51,14 +51,7 @@ function haveCrossingSides(corners: readonly Corner[]): boolean {
 }
 
 export function legText({ length_m, bearing_deg }: MeasuredLeg): string {
-  const { text, unit } = metres(length_m);
-  return `${text} ${unit}, ${heading(bearing_deg)}°`;
-}
-
-/** Area in m², in hectares from one hectare, in km² from one square kilometre. */
-export function areaText(area_m2: number): string {
-  if (area_m2 >= 1e6) return `${(area_m2 / 1e6).toFixed(2)} km²`;
-  return area_m2 >= 1e4 ? `${(area_m2 / 1e4).toFixed(2)} ha` : `${area_m2.toFixed(area_m2 < 100 ? 1 : 0)} m²`;
+  return `${distanceText(length_m)}, ${heading(bearing_deg)}°`;
 }
 
 /** What the map shows. A layer without points still takes the clicks. */

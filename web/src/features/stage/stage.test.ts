@@ -1,3 +1,4 @@
+import { roundLengthBelow_m, roundLengthText } from '../../ui/format';
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { offsetFractions, freeAreaOffset, coveredAtEdges } from '../../app/covered-edges.svelte';
@@ -6,9 +7,7 @@ import {
   fromPixel,
   groundDistance_m,
   nearestWithin,
-  lengthText,
   mercator,
-  niceLength_m,
   pixelsPerMetre,
   positionAt,
   toPixel,
@@ -23,7 +22,7 @@ import {
   altitudeInRange,
   lookAngles,
   menuCorner,
-  distanceText,
+  directionText,
   whyNotGo,
   suggestedGoAlt_home_m,
   whyNotLook,
@@ -66,8 +65,8 @@ describe('positions', () => {
     expect(nearestWithin((position) => toPixel(view(5), position), { x: 560, y: 400 }, points, 24)).toBeNull();
   });
   it('have a scale bar with a round length', () => {
-    expect([niceLength_m(4, 110), niceLength_m(0.1, 110), niceLength_m(60, 110)]).toEqual([20, 1000, 1]);
-    expect([lengthText(20), lengthText(2000), lengthText(0.5)]).toEqual(['20 m', '2 km', '0.5 m']);
+    expect([110 / 4, 110 / 0.1, 110 / 60].map(roundLengthBelow_m)).toEqual([20, 1000, 1]);
+    expect([roundLengthText(20), roundLengthText(2000), roundLengthText(0.5)]).toEqual(['20 m', '2 km', '0.5 m']);
   });
 });
 
@@ -174,8 +173,8 @@ describe('actions at a map point', () => {
   });
   it('have a distance, and a flight time if the speeds are known', () => {
     const speeds = { horizontal_m_s: 5, up_m_s: 3, down_m_s: 1.5 };
-    expect(distanceText(HERE, EAST_30)).toBe('30.0 m east');
-    expect(distanceText(HERE, positionAt(HERE, { east_m: -5, north_m: 5 }))).toBe('7.1 m north-west');
+    expect(directionText(HERE, EAST_30)).toBe('30.0 m east');
+    expect(directionText(HERE, positionAt(HERE, { east_m: -5, north_m: 5 }))).toBe('7.1 m north-west');
     expect(flightTime_s(facts(), EAST_30, 12, speeds)).toBeCloseTo(6, 1);
     expect(flightTime_s(facts(), EAST_30, 42, speeds)).toBeCloseTo(10, 1);
     expect(flightTime_s(facts(), EAST_30, 0, speeds)).toBeCloseTo(8, 1);

@@ -1,6 +1,6 @@
 /** The indicators of GPS, battery and link: a short text each, with a severity and a word for the problem. */
 
-import { fixed, join, UNKNOWN } from '../../ui/format';
+import { fixed, join, lengthText, UNKNOWN } from '../../ui/format';
 import { ageText } from '../../live/age';
 import type { Battery, Component, Gps } from '../../live/topics';
 import type { Reading } from '../../live/vehicle-state';
@@ -32,7 +32,7 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
   const { value: gps, stale, age_s } = reading;
   const fix = FIX_TEXTS[gps.fix_type] ?? `fix ${gps.fix_type}`;
   const satellites = gps.satellites === null ? null : `${gps.satellites} sats`;
-  const accuracy = gps.horizontal_accuracy_m === null ? null : `±${fixed(gps.horizontal_accuracy_m, 1)} m`;
+  const accuracy = gps.horizontal_accuracy_m === null ? null : `±${lengthText(gps.horizontal_accuracy_m)}`;
   const lacks3dFix = gps.fix_type < 3;
   return {
     label: 'GPS',

@@ -4,7 +4,7 @@ import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import { ACTION_NAMES, actionFacts, reasonUnavailable, sendAction, type ConfirmationTexts } from '../../app/actions/actions';
 import type { CommandToConfirm } from '../../app/actions/command.svelte';
-import { fixed } from '../../ui/format';
+import { heightText } from '../../ui/format';
 import { controlProblem, otherControlHolder } from '../../vehicle/control';
 import type { VehicleFacts } from '../../vehicle/facts';
 
@@ -52,7 +52,7 @@ function effectOf(action: BatchAction, vehicles: readonly BatchVehicle[], takeof
     case 'arm':
       return `${each} starts its motors on the ground; in Mission, Take off or an external mode it flies at once.`;
     case 'takeoff':
-      return `${each} arms, climbs to ${fixed(takeoffAlt_home_m, 1)} m above home and holds there.`;
+      return `${each} arms, climbs to ${heightText(takeoffAlt_home_m)} above home and holds there.`;
     case 'land':
       return `${each} descends at its current position and disarms.`;
     case 'rtl':

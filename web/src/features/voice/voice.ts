@@ -1,11 +1,16 @@
 /** What the page says aloud of a vehicle: changes of mode, arming, connection, battery and distance. Pure. */
 
+import { M_PER_FT, M_PER_NMI, distanceUnit } from '../../ui/units';
 import type { VehicleFacts } from '../../vehicle/facts';
 
 /** Charges that are said when the battery falls to them [%]. */
 const CHARGES_PERCENT = [50, 30, 20, 15, 10, 5];
-/** The distance from home is said at each multiple, on the way out [m]. */
-const DISTANCE_STEP_M = 100;
+/** The distance from home is said at each multiple, on the way out: 100 m, 500 ft or a tenth of a nautical mile. */
+function distanceStep(): { readonly m: number; readonly count: number; readonly words: string } {
+  const unit = distanceUnit();
+  if (unit === 'ft') return { m: 500 * M_PER_FT, count: 500, words: 'feet' };
+  return unit === 'nmi' ? { m: M_PER_NMI / 10, count: 0.1, words: 'nautical miles' } : { m: 100, count: 100, words: 'metres' };
+}
 /** Least severe MAV_SEVERITY of messages that are said: warnings of the selected vehicle, errors of any. */
 const SAID_OF_SELECTED = 4;
 const SAID_OF_ANY = 3;
@@ -32,7 +37,7 @@ export interface Heard {
 /** The state of a vehicle now; `before` keeps what only grows during a flight. */
 export function heardOf(facts: VehicleFacts, before: Heard | null): Heard {
   const remaining = facts.battery?.value.remaining_percent ?? null;
-  const steps = Math.floor((facts.homeDistance_m ?? 0) / DISTANCE_STEP_M);
+  const steps = Math.floor((facts.homeDistance_m ?? 0) / distanceStep().m);
   const flies = before?.id === facts.id && before.armed === true && facts.inAir;
   return {
     id: facts.id,
@@ -51,8 +56,13 @@ export function sentences(before: Heard | null, now: Heard, wanted: Said = {}): 
   return [
     ...(wanted.mode === false ? [] : stateSentences(before, now)),
     ...(wanted.battery === false || now.charge <= before.charge || charge === undefined ? [] : [`Battery ${charge} percent`]),
-    ...(wanted.distance === false || now.steps <= before.steps ? [] : [`${now.steps * DISTANCE_STEP_M} metres from home`]),
+    ...(wanted.distance === false || now.steps <= before.steps ? [] : [distanceSentence(now.steps)]),
   ];
+}
+
+function distanceSentence(steps: number): string {
+  const { count, words } = distanceStep();
+  return `${Number((steps * count).toFixed(1))} ${words} from home`;
 }
 
 function stateSentences(before: Heard, now: Heard): string[] {

@@ -2,7 +2,7 @@
 
 import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { fixed } from '../../../ui/format';
+import { fixed, joinedText, lengthText, shown } from '../../../ui/format';
 import type { ConfirmationTexts } from '../../../app/actions/actions';
 import { ON_EXPIRY, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
 import { boundsOf, limitProblem, parseTyped, type Limits } from '../../../vehicle/fields';
@@ -61,9 +61,15 @@ export function fieldErrors(draft: Draft, isFlying: boolean): FieldErrors {
   if (isFlying) return errors;
   if (draft.members.length < 2) add('members', 'Choose two vehicles or more.');
   if (draft.members.length > MAX_MEMBERS) add('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
-  add('separation', rangeError(draft.separation_m, RANGES.separation, 'm'));
+  add('separation', rangeError(draft.separation_m, RANGES.separation, 'length'));
   if (draft.startIn_s.trim() !== '') add('start', rangeError(draft.startIn_s, RANGES.start, 's')?.replace('.', '; leave empty to start immediately.') ?? null);
   return errors;
+}
+
+/** The quantity (`ui/units.ts`) of an axis: north, east, up. */
+export function axisUnit(motion: Draft['motion'], axis: number): string {
+  if (axis === 2) return motion === 'move' ? 'height' : 'climb';
+  return motion === 'move' ? 'length' : 'speed';
 }
 
 /** North, east, up as numbers. */
@@ -143,9 +149,10 @@ const DIRECTIONS: readonly (readonly [string, string])[] = [
 
 /** The motion as text, for example "move 5.0 m north, 2.0 m down". */
 export function motionText(draft: Draft): string {
-  const unit = draft.motion === 'move' ? 'm' : 'm/s';
   const parts = typedVector(draft)
-    .map((value, i) => (Math.abs(value) < 0.05 ? null : `${fixed(Math.abs(value), 1)} ${unit} ${DIRECTIONS[i]?.[value > 0 ? 0 : 1] ?? ''}`))
+    .map((value, i) =>
+      Math.abs(value) < 0.05 ? null : `${joinedText(shown(axisUnit(draft.motion, i), Math.abs(value)))} ${DIRECTIONS[i]?.[value > 0 ? 0 : 1] ?? ''}`,
+    )
     .filter((p) => p !== null);
   if (parts.length === 0) return draft.motion === 'move' ? 'hold their positions' : 'hover (zero velocity)';
   return `${draft.motion === 'move' ? 'move' : 'fly'} ${parts.join(', ')}`;
@@ -158,7 +165,7 @@ export function startTexts(names: readonly string[], draft: Draft): Confirmation
   const validityText = renew ? 'This page renews the setpoints while it is visible' : `After ${fixed(valid_for_s, 1)} s all hold position, then switch to Hold`;
   return {
     title: `Start group: ${joinNames(names)}`,
-    effect: `All vehicles switch to Offboard at their current positions. ${startText} all ${motionText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two switch to Hold' : 'all switch to Hold'}. ${validityText}. “Hold group” switches all to Hold at any time.`,
+    effect: `All vehicles switch to Offboard at their current positions. ${startText} all ${motionText(draft)} together. If two vehicles come closer than ${lengthText(parseTyped(draft.separation_m))}, ${draft.othersContinue ? 'only these two switch to Hold' : 'all switch to Hold'}. ${validityText}. “Hold group” switches all to Hold at any time.`,
     verb: 'Start',
     danger: false,
   };

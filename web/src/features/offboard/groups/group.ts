@@ -3,7 +3,7 @@
 import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import type { Identity } from '../../../live/vehicle-state';
-import { fixed } from '../../../ui/format';
+import { fixed, lengthText } from '../../../ui/format';
 import { setpointsText } from '../../../vehicle/setpoint-kinds';
 import { groundDistance_m } from '../../../vehicle/geo';
 
@@ -108,8 +108,8 @@ export function findingsShown(group: Group, max: number): Group['findings'] {
 
 /** The minimum separation that the server monitors, and the margin that the server adds for uncertain positions. */
 export function separationText(group: Group): string {
-  const minimum = `minimum ${fixed(group.minimum_separation_m, 1)} m`;
-  return group.margin_m === null ? minimum : `${minimum} + ${fixed(group.margin_m, 1)} m margin`;
+  const minimum = `minimum ${lengthText(group.minimum_separation_m)}`;
+  return group.margin_m === null ? minimum : `${minimum} + ${lengthText(group.margin_m)} margin`;
 }
 
 /** The distance is shown in amber below this factor times the minimum separation. */

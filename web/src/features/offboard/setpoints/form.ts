@@ -1,5 +1,6 @@
 /** The setpoint form: its values, the errors by field, and the setpoint made from the values. Pure functions. */
 
+import { shortText } from '../../../ui/format';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { limitProblem, limitsOf, parseTyped } from '../../../vehicle/fields';
 import { specOf, type Axis, type SetpointQuantity, type SetpointKind } from '../../../vehicle/setpoint-kinds';
@@ -117,7 +118,7 @@ export function buildSetpoint(form: Form): BuildResult {
     if (form.followedVehicle === '') errors['followedVehicle'] = 'Choose the vehicle to follow.';
     const offset = setpoint['offset_frd_m'] as (number | null)[];
     if (offset.every((v) => v !== null) && Math.hypot(...(offset as number[])) < FOLLOW_MIN_M)
-      errors['o0'] = `The offset must be at least ${FOLLOW_MIN_M} m long.`;
+      errors['o0'] = `The offset must be at least ${shortText('length', FOLLOW_MIN_M)} long.`;
     Object.assign(setpoint, { vehicle: form.followedVehicle, yaw: form.followYaw });
   } else if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
     const value = parseTyped(form.yaw);

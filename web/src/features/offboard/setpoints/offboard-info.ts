@@ -1,5 +1,6 @@
 /** Texts about a vehicle's available setpoint types, limits and failsafe, from the server's data. Pure functions. */
 
+import { decimalsIn, inUnit, shownText, unitText } from '../../../ui/units';
 import type { components } from '../../../api/schema';
 import { fixed } from '../../../ui/format';
 import { boundsOf, limitProblem, limitsOf, parseTyped, quantityOf, type Quantity } from '../../../vehicle/fields';
@@ -78,7 +79,7 @@ export function operatorLimitText(value: number | null | undefined, field: Limit
 export function limitsSummary(limits: OffboardLimits | null): string {
   if (limits === null) return 'not known yet';
   const parts = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
-    (f) => `${f.label.toLowerCase()} ${operatorLimitText(limits.operator[f.name], f)} ${f.unit}`,
+    (f) => `${f.label.toLowerCase()} ${shownText(f.unit, operatorLimitText(limits.operator[f.name], f))} ${unitText(f.unit)}`,
   );
   if (limits.operator.fence != null) parts.push('geofence');
   if (!limits.operator.obstacle_brake) parts.push('stop before obstacles: off');
@@ -92,7 +93,7 @@ export function limitsSummary(limits: OffboardLimits | null): string {
 export function vehicleLimitText(limits: OffboardLimits | null, field: LimitField): string {
   if (field.vehicleLimit === null) return 'no limit';
   const limit = limits?.vehicle[field.vehicleLimit];
-  return limit == null ? 'none known' : `vehicle: ${fixed(limit * field.scale, 1)}`;
+  return limit == null ? 'none known' : `vehicle: ${fixed(inUnit(field.unit, limit * field.scale), decimalsIn(field.unit, 1))}`;
 }
 
 type WireHealth = components['schemas']['OffboardStatus']['health'];

@@ -1,5 +1,6 @@
 /** Plot of target and actual value of one axis over the last minute. Only this module uses uPlot. */
 
+import { inUnit } from '../../../ui/units';
 import uPlot from 'uplot';
 import 'uplot/dist/uPlot.min.css';
 import { WINDOW_S, type Columns } from './traces';
@@ -12,16 +13,20 @@ export interface PlotColours {
   strokeWidth: number;
 }
 
-/** Smallest range of the vertical axis, by unit, so that the plot does not magnify noise. */
-const MIN_RANGES: Readonly<Record<string, number>> = { m: 1, 'm/s': 0.5, '°': 4 };
+/** Smallest range of the vertical axis, by unit or quantity (`ui/units.ts`), so that the plot does not magnify noise. */
+const MIN_RANGES: Readonly<Record<string, number>> = { length: 1, height: 1, speed: 0.5, climb: 0.5, '°': 4 };
 
 export class AxisPlot {
   private readonly plot: uPlot;
 
-  constructor(container: HTMLElement, unit: string, colours: PlotColours) {
+  constructor(
+    container: HTMLElement,
+    private readonly unit: string,
+    colours: PlotColours,
+  ) {
     const font = '11px Inter, system-ui, sans-serif';
     const grid = { stroke: colours.grid, width: 1 };
-    const minRange = MIN_RANGES[unit] ?? 1;
+    const minRange = inUnit(unit, MIN_RANGES[unit] ?? 1);
     this.plot = new uPlot(
       {
         width: Math.max(60, container.clientWidth),
@@ -68,7 +73,9 @@ export class AxisPlot {
   }
 
   setColumns(columns: Columns): void {
-    this.plot.setData(columns as uPlot.AlignedData);
+    const [times, ...values] = columns;
+    const converted = values.map((column) => column.map((value) => (value === null ? null : inUnit(this.unit, value))));
+    this.plot.setData([times, ...converted] as uPlot.AlignedData);
   }
 
   resize(width: number, height: number): void {

@@ -2,7 +2,7 @@
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import type { Vector3 } from '../../../live/topics';
-import { fixed, metres, wrap180 } from '../../../ui/format';
+import { distance, heightText, wrap180 } from '../../../ui/format';
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { SetpointJson } from './form';
 
@@ -80,11 +80,11 @@ export function previewText(preview: SetpointPreview, facts: VehicleFacts): stri
   if (vehicle_ned_m === undefined) return 'The vehicle’s position is not known.';
   const [n, e, d] = preview.position_ned_m.map((v, i) => v - (vehicle_ned_m[i] ?? 0)) as Vector3;
   const distance_m = Math.hypot(n, e);
-  const { text, unit } = metres(distance_m);
+  const { text, unit } = distance(distance_m);
   const parts = [
     distance_m < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `away after ${EXTRAPOLATION_S} s at this velocity` : 'away'}`,
   ];
-  if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'above' : 'below'} the vehicle`);
+  if (Math.abs(d) >= 0.05) parts.push(`${heightText(Math.abs(d))} ${d < 0 ? 'above' : 'below'} the vehicle`);
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
   if (preview.yaw_ned_rad !== null && yaw !== null) {
     const turn = Math.round(wrap180(((preview.yaw_ned_rad - yaw) * 180) / Math.PI));

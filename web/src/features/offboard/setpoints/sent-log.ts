@@ -3,7 +3,8 @@
  * other quickly, from the gamepad or from a drag, share a line.
  */
 
-import { fixed } from '../../../ui/format';
+import { unitText } from '../../../ui/units';
+import { fixed, heightText, shown } from '../../../ui/format';
 import { kindName } from '../../../vehicle/setpoint-kinds';
 
 export type InputMethod = 'form' | 'drag' | 'gamepad' | 'group';
@@ -69,12 +70,18 @@ const DEG_PER_RAD = 180 / Math.PI;
 const NEU = ['N', 'E', 'up'] as const;
 const FRU = ['forward', 'right', 'up'] as const;
 
+/** Quantities (`ui/units.ts`) along the ground and of up. */
+const VERTICAL: Readonly<Record<string, readonly [string, string]>> = { length: ['length', 'height'], speed: ['speed', 'climb'] };
+
 /** Three values with the names of the axes. The given vector points down; if the third axis is named `up`, its sign is inverted. */
-function vectorText(value: unknown, unit: string, [first, second, third]: readonly [string, string, string]): string | null {
+function vectorText(value: unknown, unit: string, [first, second, third]: readonly [string, string, string], note = ''): string | null {
   if (!Array.isArray(value)) return null;
   const [x, y, z] = value as (number | null)[];
-  const text = (v: number | null | undefined): string => (v == null ? '–' : fixed(v, 1));
-  return `${first} ${text(x)} ${second} ${text(y)} ${third} ${text(z == null ? z : third === 'up' ? -z : z)} ${unit}`;
+  const text = (quantity: string, v: number | null | undefined): string => shown(quantity, v).text;
+  const [ahead, up] = third === 'up' ? (VERTICAL[unit] ?? [unit, unit]) : [unit, unit];
+  const upUnit = unitText(up) === unitText(ahead) ? '' : ` ${unitText(up)}`;
+  const [aheadUnit, endUnit] = upUnit === '' ? ['', ` ${unitText(ahead)}`] : [` ${unitText(ahead)}`, upUnit];
+  return `${first} ${text(ahead, x)} ${second} ${text(ahead, y)}${aheadUnit} ${third} ${text(up, z == null ? z : third === 'up' ? -z : z)}${endUnit}${note}`;
 }
 
 function numberText(value: unknown, format: (v: number) => string): string | null {
@@ -84,14 +91,14 @@ function numberText(value: unknown, format: (v: number) => string): string | nul
 /** A setpoint as a short line, in the form's units: altitudes and climb positive up, angles in degrees. */
 export function setpointText(setpoint: Readonly<Record<string, unknown>>): string {
   const parts = [
-    vectorText(setpoint['position_ned_m'], 'm from local origin', NEU),
-    vectorText(setpoint['offset_frd_m'], 'm', FRU),
+    vectorText(setpoint['position_ned_m'], 'length', NEU, ' from local origin'),
+    vectorText(setpoint['offset_frd_m'], 'length', FRU),
     numberText(setpoint['lat_deg'], (v) => v.toFixed(6)),
     numberText(setpoint['lon_deg'], (v) => v.toFixed(6)),
-    numberText(setpoint['alt_home_m'], (v) => `${fixed(v, 1)} m above home`),
-    numberText(setpoint['alt_amsl_m'], (v) => `${fixed(v, 1)} m AMSL`),
-    vectorText(setpoint['velocity_ned_m_s'], 'm/s', NEU),
-    vectorText(setpoint['velocity_frd_m_s'], 'm/s', FRU),
+    numberText(setpoint['alt_home_m'], (v) => `${heightText(v)} above home`),
+    numberText(setpoint['alt_amsl_m'], (v) => `${heightText(v)} AMSL`),
+    vectorText(setpoint['velocity_ned_m_s'], 'speed', NEU),
+    vectorText(setpoint['velocity_frd_m_s'], 'speed', FRU),
     vectorText(setpoint['acceleration_ned_m_s2'], 'm/s²', NEU),
     numberText(setpoint['roll_rad'], (v) => `roll ${fixed(v * DEG_PER_RAD, 0)}°`),
     numberText(setpoint['pitch_rad'], (v) => `pitch ${fixed(v * DEG_PER_RAD, 0)}°`),

@@ -18,6 +18,7 @@ export type PlottedQuantity = 'position' | 'velocity' | 'attitude';
 
 export interface AxisSpec {
   name: string;
+  /** A text, or a quantity of `ui/units.ts`. */
   unit: string;
 }
 
@@ -25,17 +26,17 @@ export const PLOTTED_QUANTITIES: Readonly<Record<PlottedQuantity, { name: string
   position: {
     name: 'Position',
     axes: [
-      { name: 'North', unit: 'm' },
-      { name: 'East', unit: 'm' },
-      { name: 'Up', unit: 'm' },
+      { name: 'North', unit: 'length' },
+      { name: 'East', unit: 'length' },
+      { name: 'Up', unit: 'height' },
     ],
   },
   velocity: {
     name: 'Velocity',
     axes: [
-      { name: 'North', unit: 'm/s' },
-      { name: 'East', unit: 'm/s' },
-      { name: 'Up', unit: 'm/s' },
+      { name: 'North', unit: 'speed' },
+      { name: 'East', unit: 'speed' },
+      { name: 'Up', unit: 'climb' },
     ],
   },
   attitude: {

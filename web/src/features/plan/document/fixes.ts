@@ -1,5 +1,6 @@
 /** Fixes that the page can make for a finding: a changed plan, or null if a person has to decide. Pure functions. */
 
+import { shortText } from '../../../ui/format';
 import type { components } from '../../../api/schema';
 import { defaultAltitude, isPlaced, flownItems, type PlannedHome, type Plan } from './document';
 import { insertItem, remove, removeObstacle, removeZone, reorder, setItem } from './edit';
@@ -88,17 +89,15 @@ function addLanding(plan: Plan): Fix | null {
 function setAltitude(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
   const item = row === null ? undefined : plan.items[row];
   if (item === undefined || row === null || limit === null || !isPlaced(item)) return null;
-  return { text: `Set the altitude to ${limitText(limit)} m above home`, plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }) };
+  return {
+    text: `Set the altitude to ${shortText('height', limit)} above home`,
+    plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }),
+  };
 }
 
 /** Sets the speed of the item to the limit of the finding; for a finding without an item, sets the speed of the plan. */
 function setSpeed(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
   if (limit === null) return null;
-  const text = `Set the speed to ${limitText(limit)} m/s`;
+  const text = `Set the speed to ${shortText('speed', limit)}`;
   return { text, plan: row === null ? { ...plan, hover_speed_m_s: limit } : setItem(plan, row, { speed_m_s: limit }) };
-}
-
-/** A limit with at most one decimal. */
-export function limitText(value: number): string {
-  return String(Number(value.toFixed(1)));
 }

@@ -185,7 +185,7 @@ export const ITEM_FIELDS: { readonly [K in EditableKind]: { readonly [F in OwnFi
   },
   camera_focus: {
     focus_type: choice(4, 'Focus by', FOCUS_TYPES),
-    value: field(0, 'Focus', { appliesTo: isOneOf('focus_type', 0, 1, 2, 3), unit: (item) => ({ 2: '%', 3: 'm' })[Number(item['focus_type'])] ?? '' }),
+    value: field(0, 'Focus', { appliesTo: isOneOf('focus_type', 0, 1, 2, 3), unit: (item) => ({ 2: '%', 3: 'length' })[Number(item['focus_type'])] ?? '' }),
     camera,
   },
   control_video: {

@@ -1,3 +1,4 @@
+import { unitText } from '../../../ui/units';
 import { describe, expect, it } from 'vitest';
 import schema from '../../../api/schema.d.ts?raw';
 import type { Item, ItemKind } from './document';
@@ -61,7 +62,8 @@ describe('the kinds of mission items', () => {
 });
 
 describe('the fields of an item', () => {
-  const labels = (item: Item) => fieldsOf(item).map(({ label, unit, placeholder }) => `${label} [${unit}]${placeholder === undefined ? '' : '?'}`);
+  const labels = (item: Item) =>
+    fieldsOf(item).map(({ label, unit, placeholder }) => `${label} [${unitText(unit ?? '')}]${placeholder === undefined ? '' : '?'}`);
   const field = (item: Item, name: string) => fieldsOf(item).find((row) => row.name === name);
 
   it('have units, and may be empty if the autopilot has a default', () => {
@@ -103,7 +105,7 @@ describe('the fields of an item', () => {
     expect(labels({ ...itemOf('set_home'), use_current: 0 })).toEqual(['New home []']);
   });
   it('have a unit that depends on the chosen type', () => {
-    expect(field({ ...itemOf('camera_focus'), focus_type: 3 }, 'value')?.unit).toBe('m');
+    expect(field({ ...itemOf('camera_focus'), focus_type: 3 }, 'value')?.unit).toBe('length');
     expect(field({ ...itemOf('camera_focus'), focus_type: 4 }, 'value')).toBeUndefined();
     expect(field({ ...itemOf('camera_zoom'), zoom_type: 2 }, 'value')?.unit).toBe('%');
   });

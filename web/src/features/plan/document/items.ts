@@ -1,6 +1,6 @@
 /** Titles and details of a plan's items, and the kinds that can be added. Pure functions. */
 
-import { fixed } from '../../../ui/format';
+import { fixed, heightText, lengthText, speedText } from '../../../ui/format';
 import type { GeoPosition } from '../../../vehicle/geo';
 import { isPatternItem, isPlaced, ROI_KINDS, type Altitude, type Item, type ItemKind, type AltitudeReference, type Pattern } from './document';
 import { altitudeOf, isStale } from './pattern-items';
@@ -64,7 +64,7 @@ const REFERENCE_TEXTS: Readonly<Record<AltitudeReference, string>> = { home: 'ab
 export const REFERENCE_CHOICES = (Object.keys(REFERENCE_TEXTS) as AltitudeReference[]).map((value) => ({ value, text: REFERENCE_TEXTS[value] }));
 
 export function altitudeText(altitude: Altitude): string {
-  return `${fixed(altitude.value_m, 1)} m ${REFERENCE_TEXTS[altitude.reference]}`;
+  return `${heightText(altitude.value_m)} ${REFERENCE_TEXTS[altitude.reference]}`;
 }
 
 export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: unknown }): string {
@@ -111,8 +111,8 @@ export function detailOf(item: Item): string {
   parts.push(...(DETAIL_FIELDS[item.kind] ?? []).flatMap((field) => optionText(item, field) ?? []));
   add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
   add('delay_s', (s) => (s < 0 ? 'until a UTC time' : `${fixed(s, 0)} s`));
-  add('speed_m_s', (v) => SPECIAL_SPEEDS[v] ?? `${fixed(v, 1)} m/s`);
-  add('distance_m', (m) => `every ${fixed(m, 1)} m`);
+  add('speed_m_s', (v) => SPECIAL_SPEEDS[v] ?? speedText(v));
+  add('distance_m', (m) => `every ${lengthText(m)}`);
   add('interval_s', (s) => `every ${fixed(s, 1)} s`);
   if (item.kind === 'trigger_interval') add('interval_ms', (ms) => (ms < 0 ? 'unchanged' : `every ${fixed(ms / 1000, 1)} s`));
   add('count', (n) => `${n} ${n === 1 ? 'photo' : 'photos'}`);

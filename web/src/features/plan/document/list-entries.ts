@@ -1,6 +1,6 @@
 /** The plan as one list: home, items, geofence, obstacles, rally points. Pure functions. */
 
-import { fixed } from '../../../ui/format';
+import { heightText, lengthText } from '../../../ui/format';
 import type { IconName } from '../../../ui/icons';
 import { obstaclesOf, type FenceZone, type Obstacle, type PlannedHome, type Plan, type DocumentAreas } from './document';
 import { altitudeText, detailOf, titleOf } from './items';
@@ -33,13 +33,13 @@ export function zonePointIds(zone: FenceZone, index: number): string[] {
 
 export function zoneText(zone: FenceZone): { title: string; detail: string } {
   const title = zone.inclusion ? 'Geofence: stay inside' : 'Geofence: stay outside';
-  return { title, detail: zone.shape === 'circle' ? `circle, radius ${fixed(zone.radius_m, 0)} m` : `${zone.polygon.length} corners` };
+  return { title, detail: zone.shape === 'circle' ? `circle, radius ${lengthText(zone.radius_m, 0)}` : `${zone.polygon.length} corners` };
 }
 
 const BASE_ENTRY = { row: null, symbol: '', icon: null };
 
 export function homeEntry(home: PlannedHome | null): ListEntry[] {
-  return home === null ? [] : [{ ...BASE_ENTRY, ids: ['home'], icon: 'home', tone: 'dim', title: 'Home', detail: `${fixed(home.alt_amsl_m, 1)} m AMSL` }];
+  return home === null ? [] : [{ ...BASE_ENTRY, ids: ['home'], icon: 'home', tone: 'dim', title: 'Home', detail: `${heightText(home.alt_amsl_m)} AMSL` }];
 }
 
 /** Ids of the corners of an obstacle. */

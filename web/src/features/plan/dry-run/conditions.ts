@@ -1,5 +1,6 @@
 /** Wind, mass, battery and similar conditions of a flight, for the dry run and for the estimates. Pure functions. */
 
+import { shortText } from '../../../ui/format';
 import type { components } from '../../../api/schema';
 import { boundsOf, inPercent, quantityOf, type Limits } from '../../../vehicle/fields';
 
@@ -72,7 +73,7 @@ function conditionRow(name: keyof Conditions, label: string, model: string, fiel
 
 /** The rows of the form except `SPREAD_ROWS`. */
 export const CONDITION_ROWS: readonly ConditionRow[] = [
-  { name: 'wind_m_s', label: 'Wind', unit: 'm/s', step: 1, min: 0, max: 30 }, // the API limits the vector
+  { name: 'wind_m_s', label: 'Wind', unit: 'speed', step: 1, min: 0, max: 30 }, // the API limits the vector
   { name: 'from_deg', label: 'Wind from', unit: '°', step: 10, min: 0, max: 360 },
   conditionRow('gusts_m_s', 'Gusts (one sigma)', 'DryRunConditions', 'gusts_m_s'),
   conditionRow('mass_percent', 'Mass scale', 'DryRunConditions', 'mass_scale', { step: 5 }),
@@ -143,8 +144,8 @@ export function toDryRunRequest(conditions: Conditions) {
 export function conditionsText(conditions: Conditions): string {
   const parts: string[] = [];
   const { wind_m_s, from_deg, gusts_m_s, mass_percent, battery_percent, noise_percent, flights } = conditions;
-  if (wind_m_s > 0) parts.push(`wind ${wind_m_s} m/s from ${from_deg}°`);
-  if (gusts_m_s > 0) parts.push(`gusts ${gusts_m_s} m/s (one sigma)`);
+  if (wind_m_s > 0) parts.push(`wind ${shortText('speed', wind_m_s)} from ${from_deg}°`);
+  if (gusts_m_s > 0) parts.push(`gusts ${shortText('speed', gusts_m_s)} (one sigma)`);
   if (mass_percent !== 100) parts.push(`mass ${mass_percent} %`);
   if (battery_percent !== 100) parts.push(`battery capacity ${battery_percent} %`);
   if (noise_percent !== 100) parts.push(`sensor noise ${noise_percent} %`);

@@ -4,7 +4,7 @@
  */
 
 import type { LayerContent } from '../../../app/map-layers.svelte';
-import { durationText, fixed, metres } from '../../../ui/format';
+import { distance, durationText, fixed, lengthText } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { DryRunResult } from './dry-run.svelte';
 
@@ -168,20 +168,20 @@ const percentText = (fraction: number | null): string => (fraction === null ? 'n
 /** The result as sentences. */
 export function resultLines(result: DryRunResult): string[] {
   const { nominal, group } = result;
-  const length = metres(nominal.length_m);
+  const length = distance(nominal.length_m);
   const isBatteryKnown = nominal.battery_start_share !== null || nominal.battery_end_share !== null;
   const batteryText = isBatteryKnown ? `battery ${percentText(nominal.battery_start_share)} → ${percentText(nominal.battery_end_share)}` : 'battery not known';
   const releases = [...new Set(nominalFlights(result).map(({ px4 }) => `PX4 v${px4}`))].join(' and ');
   const lines = [
     `${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${durationText(nominal.duration_s)}, ${length.text} ${length.unit}, ${batteryText}; simulated ${releases}.`,
   ];
-  if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
+  if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${lengthText(nominal.fence_distance_m)}.`);
   for (const { roles, distance_m, t_s } of group?.closest ?? [])
-    lines.push(`${roles.join(' and ')} stay at least ${fixed(distance_m, 1)} m apart; they are closest after ${durationText(t_s)}.`);
+    lines.push(`${roles.join(' and ')} stay at least ${lengthText(distance_m)} apart; they are closest after ${durationText(t_s)}.`);
   for (const [role, monteCarlo] of monteCarloByRole(result)) lines.push(monteCarloText(role, monteCarlo));
   for (const { roles, distance_m, nearer_than_minimum: tooNear } of group?.monte_carlo?.closest ?? [])
     lines.push(
-      `Smallest separation of ${roles.join(' and ')} in all flights: ${fixed(distance_m.least, 1)} m. In ${tooNear.count} ${tooNear.count === 1 ? 'flight' : 'flights'} they came closer than the minimum separation (estimated probability: at most ${percentText(tooNear.upper)}).`,
+      `Smallest separation of ${roles.join(' and ')} in all flights: ${lengthText(distance_m.least)}. In ${tooNear.count} ${tooNear.count === 1 ? 'flight' : 'flights'} they came closer than the minimum separation (estimated probability: at most ${percentText(tooNear.upper)}).`,
     );
   return lines;
 }

@@ -1,12 +1,17 @@
 /** A quantity of a dry run over time, and its distribution over many flights. Pure functions. */
 
+import { shown } from '../../../ui/format';
+import { fromUnit, stepIn } from '../../../ui/units';
 import type { DryRunResult } from './dry-run.svelte';
 
 export const QUANTITIES = ['altitude', 'speed', 'tilt', 'battery'] as const;
 export type Quantity = (typeof QUANTITIES)[number];
 
 export interface Trace {
+  /** A text, or a quantity of `ui/units.ts`; the values are in SI units. */
   readonly unit: string;
+  /** Text after the unit. */
+  readonly reference: string;
   readonly decimals: number;
   readonly end_s: number;
   /** Time [s] and value. */
@@ -27,14 +32,22 @@ const DEG_PER_RAD = 180 / Math.PI;
 interface QuantitySpec {
   readonly label: string;
   readonly unit: string;
+  readonly reference?: string;
   readonly decimals: number;
   readonly scaleStep: number;
   readonly value: (path: Path, i: number) => number | null;
 }
 
 export const QUANTITY_SPECS: Readonly<Record<Quantity, QuantitySpec>> = {
-  altitude: { label: 'Altitude', unit: 'm above the start', decimals: 1, scaleStep: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
-  speed: { label: 'Speed', unit: 'm/s', decimals: 1, scaleStep: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
+  altitude: {
+    label: 'Altitude',
+    unit: 'height',
+    reference: ' above the start',
+    decimals: 1,
+    scaleStep: 10,
+    value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0),
+  },
+  speed: { label: 'Speed', unit: 'speed', decimals: 1, scaleStep: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
   tilt: { label: 'Tilt', unit: '°', decimals: 0, scaleStep: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
   battery: {
     label: 'Battery',
@@ -53,7 +66,7 @@ function tilt_deg([, x, y]: readonly number[]): number {
 export function traceOf({ nominal, monte_carlo }: DryRunResult, quantity: Quantity): Trace | null {
   const { path } = nominal;
   if (path === null || path.t_s.length === 0) return null;
-  const { unit, decimals, scaleStep, value } = QUANTITY_SPECS[quantity];
+  const { unit, reference = '', decimals, scaleStep, value } = QUANTITY_SPECS[quantity];
   const stride = Math.max(1, Math.floor(path.t_s.length / MAX_POINTS));
   const indices = path.t_s.flatMap((_, i) => (i % stride === 0 || i === path.t_s.length - 1 ? [i] : []));
   const samples = indices.map((i) => [path.t_s[i] ?? 0, value(path, i)] as const);
@@ -66,12 +79,13 @@ export function traceOf({ nominal, monte_carlo }: DryRunResult, quantity: Quanti
   });
   const { ground_m } = path;
   const ground = quantity !== 'altitude' || ground_m === null ? [] : indices.map((i): [number, number] => [path.t_s[i] ?? 0, ground_m[i] ?? 0]);
-  return scaledTrace({ unit, decimals, scaleStep, end_s: path.t_s.at(-1) ?? 0, points, band, ground });
+  return scaledTrace({ unit, reference, decimals, scaleStep, end_s: path.t_s.at(-1) ?? 0, points, band, ground });
 }
 
 interface UnscaledTrace extends Pick<Trace, 'unit' | 'decimals' | 'end_s' | 'points'> {
-  /** The scale ends at multiples of this value. */
+  /** The scale ends at multiples of about this value, in the chosen unit. */
   readonly scaleStep: number;
+  readonly reference?: string;
   readonly band?: Trace['band'];
   readonly ground?: Trace['ground'];
   /** Other points that the scale must contain. */
@@ -79,10 +93,17 @@ interface UnscaledTrace extends Pick<Trace, 'unit' | 'decimals' | 'end_s' | 'poi
 }
 
 /** A trace whose scale contains zero and all values, except values less than 5 % of `scaleStep` below its lower end. */
-export function scaledTrace({ unit, decimals, scaleStep, end_s, points, band = [], ground = [], furtherPoints = [] }: UnscaledTrace): Trace {
+export function scaledTrace({ unit, reference = '', decimals, scaleStep, end_s, points, band = [], ground = [], furtherPoints = [] }: UnscaledTrace): Trace {
   const values = [...points, ...ground, ...furtherPoints].map(([, value]) => value).concat(band.flatMap(([, low, high]) => [low, high]));
-  const bottom = Math.min(0, Math.floor(Math.min(...values) / scaleStep + 0.05) * scaleStep);
-  return { unit, decimals, end_s, points, band, ground, top: Math.max(scaleStep, Math.ceil(Math.max(...values) / scaleStep) * scaleStep), bottom };
+  const step = fromUnit(unit, stepIn(unit, scaleStep));
+  const bottom = Math.min(0, Math.floor(Math.min(...values) / step + 0.05) * step);
+  return { unit, reference, decimals, end_s, points, band, ground, top: Math.max(step, Math.ceil(Math.max(...values) / step - 1e-9) * step), bottom };
+}
+
+/** A value of a trace with its unit. */
+export function quantityText({ unit, reference, decimals }: Pick<Trace, 'unit' | 'reference' | 'decimals'>, value: number): string {
+  const { text, unit: name } = shown(unit, value, decimals);
+  return `${text} ${name}${reference}`;
 }
 
 /** The value at a time, interpolated. */

@@ -1,7 +1,7 @@
 /** The mission of a vehicle on the map in flight, and how far it still is. Pure functions. */
 
 import type { LayerContent, LayerLine, LayerPoint, LayerPosition } from '../../../app/map-layers.svelte';
-import { metres } from '../../../ui/format';
+import { distanceText } from '../../../ui/format';
 import { groundDistance_m, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { alt_amsl_m, isFlownTo, isPlaced, simpleItems, type Item, type Plan } from '../document/document';
 import { areaLayer } from '../document/layer';
@@ -93,8 +93,6 @@ export function offboardLayer({ origin, planned_legs }: FlownPath, place: string
   const points = stops.map((stop) => ({ ...pointOf(stop, current < 0 ? null : current), selected: legs[stop.index]?.place === place }));
   return { points, lines: lines.filter(({ positions }) => positions.length > 1), areas: [], ground: origin };
 }
-
-const distanceText = (value_m: number): string => `${metres(value_m).text} ${metres(value_m).unit}`;
 
 /**
  * Distances over ground along the items, as text: to the current item, and to the last one. Null: the mission has no further

@@ -8,7 +8,7 @@ import { isSameStart, type GeoPosition } from '../../../vehicle/geo';
 import type { components } from '../../../api/schema';
 import type { Status } from '../../../live/topics';
 import type { ConfirmationTexts } from '../../../app/actions/actions';
-import { join, metres, duration, fixed } from '../../../ui/format';
+import { distanceText, duration, heightText, join, lengthText } from '../../../ui/format';
 import { acceptedErrorsText } from './accepted-errors.svelte';
 import { simpleItems, type Plan } from '../document/document';
 
@@ -156,9 +156,8 @@ export function interruptedText({ interrupted_item, count }: ResumeOffer, age: s
 
 /** Text about the path from the ground to the item. */
 function pathText({ item, title, altitude_m, altitude_reference, distance_m }: ResumeOffer): string {
-  const { text, unit } = metres(distance_m);
-  const distance = distance_m === null ? '' : `${text} ${unit} `;
-  return `Arms, climbs at its current position to ${metres(altitude_m).text} m ${REFERENCE_TEXTS[altitude_reference]} and flies ${distance}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
+  const distance = distance_m === null ? '' : `${distanceText(distance_m)} `;
+  return `Arms, climbs at its current position to ${heightText(altitude_m)} ${REFERENCE_TEXTS[altitude_reference]} and flies ${distance}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
 }
 
 /** @param acceptedTexts texts of the accepted errors. */
@@ -219,7 +218,7 @@ export function flightText(flight: WaypointFlight): string | null {
 function deviationText({ deviation_horizontal_m: horizontal_m, deviation_vertical_m: up_m, planned_by }: WaypointFlight): string | null {
   if (horizontal_m === null || up_m === null) return null;
   const path = planned_by === 'dry_run' ? 'the path of the dry run' : 'the straight lines of the plan';
-  return `${fixed(horizontal_m, 1)} m beside and ${fixed(Math.abs(up_m), 1)} m ${up_m < 0 ? 'below' : 'above'} ${path}`;
+  return `${lengthText(horizontal_m)} beside and ${heightText(Math.abs(up_m))} ${up_m < 0 ? 'below' : 'above'} ${path}`;
 }
 
 /**

@@ -2,7 +2,7 @@
 
 import type { components } from '../../../api/schema';
 import type { Status } from '../../../live/topics';
-import { fixed } from '../../../ui/format';
+import { fixed, heightText } from '../../../ui/format';
 import type { WaypointFlight } from './mission-start';
 
 type Schemas = components['schemas'];
@@ -85,5 +85,5 @@ function valueText(field: string, value: number | null): string {
   if (value === null) return 'not set';
   if (field === 'frame') return ALTITUDE_REFERENCES[value] ?? `MAV_FRAME ${value}`;
   if (isCoordinate(field, value)) return `${fixed(value / 1e7, 7)}°`;
-  return field === 'z' ? `${fixed(value, 1)} m` : String(Number(value.toFixed(4)));
+  return field === 'z' ? heightText(value) : String(Number(value.toFixed(4)));
 }

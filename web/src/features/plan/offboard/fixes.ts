@@ -2,8 +2,9 @@
  * Fixes that the page can make for a finding of a mission: a changed mission, or null if a person has to decide. Pure functions.
  */
 
+import { shortText } from '../../../ui/format';
 import { removeObstacle } from '../document/edit';
-import { limitText, type Finding, type Fix } from '../document/fixes';
+import { type Finding, type Fix } from '../document/fixes';
 import { addStep, nodeOf, remove, setStep } from './edit';
 import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type StepNode } from './mission';
 import { positionInFrame, geoPointOf, positionFrameOf, type MissionFrame } from './positions';
@@ -36,7 +37,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: MissionFrame): 
     case 'altitude_below_home':
       return node === null
         ? null
-        : changeAltitudes(mission, node, frame, `Set the altitude above home to at least ${MIN_UP_M} m`, (up_m) => Math.max(up_m, MIN_UP_M));
+        : changeAltitudes(mission, node, frame, `Set the altitude above home to at least ${shortText('height', MIN_UP_M)}`, (up_m) => Math.max(up_m, MIN_UP_M));
     case 'estimate_missing':
     case 'fence_unknown':
     case 'obstacles_unknown':
@@ -58,7 +59,7 @@ export function fixOf(mission: Mission, finding: Finding, frame: MissionFrame): 
 /** Sets the maximum speed of the step to the limit; if only the mission has a maximum speed, sets that of the mission. */
 function setSpeed(mission: Mission, node: StepNode, limit: number | null): Fix<Mission> | null {
   if (limit === null) return null;
-  const text = `Set the speed to ${limitText(limit)} m/s`;
+  const text = `Set the speed to ${shortText('speed', limit)}`;
   if (typeof node.step['speed_m_s'] === 'number' || mission.limits?.speed_m_s == null)
     return { text, plan: setStep(mission, node, { ...node.step, speed_m_s: limit }) };
   return { text, plan: { ...mission, limits: { ...mission.limits, speed_m_s: limit } } };
@@ -67,10 +68,10 @@ function setSpeed(mission: Mission, node: StepNode, limit: number | null): Fix<M
 /** Lowers the points of a step, or the height of a take-off, to an altitude above home. */
 function limitAltitude(mission: Mission, node: StepNode, frame: MissionFrame, max_m: number): Fix<Mission> | null {
   if (node.step.step === 'take_off') {
-    const text = `Limit the height above the start to ${limitText(max_m)} m`;
+    const text = `Limit the height above the start to ${shortText('height', max_m)}`;
     return { text, plan: setStep(mission, node, { ...node.step, height_m: max_m }) };
   }
-  const text = `Limit the altitude above home to ${limitText(max_m)} m`;
+  const text = `Limit the altitude above home to ${shortText('height', max_m)}`;
   return changeAltitudes(mission, node, frame, text, (up_m) => Math.min(up_m, max_m));
 }
 

@@ -2,7 +2,7 @@
 
 import type { components } from '../../../api/schema';
 import type { LayerLine, LayerContent, Tone } from '../../../app/map-layers.svelte';
-import { durationText, fixed, metres } from '../../../ui/format';
+import { durationText, fixed, distanceText as knownDistanceText, lengthText as shortLength } from '../../../ui/format';
 import { positionAt } from '../../../vehicle/geo';
 import type { DryRunResult } from '../dry-run/dry-run.svelte';
 import { scaledTrace, type Trace } from '../dry-run/dry-run-trace';
@@ -126,7 +126,7 @@ export function flownLength_m(samples: readonly Sample[]): number {
 /** The figures of a flight. @param dryRun the dry run that the flight was compared with; null: none. */
 export function figures(flownPath: FlownPath, distances: readonly PathDistance[], dryRun: DryRunResult | null): Figures {
   const sorted_m = distances.map(({ distance_m }) => distance_m).sort((a, b) => a - b);
-  const lengthText = (value_m: number | null): string => (value_m === null ? 'not known' : `${metres(value_m).text} ${metres(value_m).unit}`);
+  const lengthText = (value_m: number | null): string => (value_m === null ? 'not known' : knownDistanceText(value_m));
   const dryRunFlight = dryRun?.group == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is the flight of the first role
   return {
     largestDistance_m: sorted_m.at(-1) ?? null,
@@ -162,7 +162,7 @@ export function distanceText({ largestDistance_m, p95Distance_m }: Figures, { pl
     const reason = planned_by === 'mission' ? 'the server sent no position setpoints' : 'no planned path is known for this flight';
     return `Distance from the planned path: not known, because ${reason}.`;
   }
-  return `Distance from the planned path: at most ${fixed(largestDistance_m, 1)} m; 95 % within ${fixed(p95Distance_m, 1)} m.`;
+  return `Distance from the planned path: at most ${shortLength(largestDistance_m)}; 95 % within ${shortLength(p95Distance_m)}.`;
 }
 
 export const FLOWN_QUANTITIES = ['distance', 'altitude'] as const;
@@ -173,7 +173,7 @@ export function flownPlot(flownPath: FlownPath, distances: readonly PathDistance
   const end_s = flownPath.samples.at(-1)?.t_s ?? 0;
   if (quantity === 'distance') {
     const points = distances.map(({ t_s, distance_m }) => [t_s, distance_m] as const);
-    return points.length === 0 ? null : { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 1, end_s, points }), plannedParts: [] };
+    return points.length === 0 ? null : { trace: scaledTrace({ unit: 'length', decimals: 1, scaleStep: 1, end_s, points }), plannedParts: [] };
   }
   const start_down_m = flownPath.samples[0]?.flown_ned_m[2];
   if (start_down_m === undefined) return null;
@@ -185,7 +185,7 @@ export function flownPlot(flownPath: FlownPath, distances: readonly PathDistance
     else parts.at(-1)?.push([t_s, up_m(planned_ned_m)]);
   }
   const plannedParts = parts.filter((part) => part.length > 1);
-  return { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 5, end_s, points, furtherPoints: plannedParts.flat() }), plannedParts };
+  return { trace: scaledTrace({ unit: 'height', decimals: 1, scaleStep: 5, end_s, points, furtherPoints: plannedParts.flat() }), plannedParts };
 }
 
 /** The flown path in parts of one colour, by the distance from the planned path. Neighbouring parts share a point. */

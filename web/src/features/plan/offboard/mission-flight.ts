@@ -2,7 +2,7 @@
 
 import type { ConfirmationTexts } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
-import { durationText, fixed } from '../../../ui/format';
+import { durationText, lengthText } from '../../../ui/format';
 import { isSameStart, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { acceptedErrorsText } from '../flight/accepted-errors.svelte';
 import type { DryRunResult } from '../dry-run/dry-run.svelte';
@@ -198,10 +198,10 @@ export function dryRunIdWithCorridorForRoles(
 /** Text about the distance outside the corridor; null if the vehicle is inside or no corridor is monitored. */
 export function corridorText({ outside_corridor_m }: Pick<MissionFlight, 'outside_corridor_m'>): string | null {
   const outside_m = outside_corridor_m ?? 0;
-  return outside_m > 0 ? `${fixed(outside_m, 1)} m outside the corridor of the dry run` : null;
+  return outside_m > 0 ? `${lengthText(outside_m)} outside the corridor of the dry run` : null;
 }
 
 /** Text about the distance from the setpoint; null if it is not known. */
 export function deviationText(flight: MissionFlight): string | null {
-  return flight.deviation_m === null ? null : `${fixed(flight.deviation_m, 1)} m position error`;
+  return flight.deviation_m === null ? null : `${lengthText(flight.deviation_m)} position error`;
 }

@@ -1,3 +1,4 @@
+import { unitText } from '../../../ui/units';
 import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
 import { PlanEditor } from '../editor/editor.svelte';
@@ -251,7 +252,7 @@ describe('the fields of steps', () => {
   it('include all limits of a mission, with bounds that the server accepts', () => {
     const rad = (deg = 0) => (deg * Math.PI) / 180;
     const rows = missionFields(NESTED).filter(({ name }) => /_(m_s|m_s2|m_s3|rad|rad_s)$/.test(name));
-    expect(rows.map(({ label, unit }) => `${label} [${unit}]`)).toEqual([
+    expect(rows.map(({ label, unit }) => `${label} [${unitText(unit ?? '')}]`)).toEqual([
       'Maximum speed [m/s]',
       'Maximum climb speed [m/s]',
       'Maximum descent speed [m/s]',

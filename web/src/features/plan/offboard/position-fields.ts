@@ -50,7 +50,7 @@ export function positionFields<T>(
     name: `${prefix}-${name}`,
     label: rowLabel,
     type: 'number',
-    unit: 'm',
+    unit: name === 'height' ? 'height' : 'length',
     value,
     set: (target, next) => withPosition(target, change(typeof next === 'number' ? next : 0)),
     ...details,

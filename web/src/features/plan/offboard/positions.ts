@@ -1,6 +1,6 @@
 /** Converts positions between the map and a mission; each position keeps its frame. Pure functions. */
 
-import { fixed } from '../../../ui/format';
+import { heightText } from '../../../ui/format';
 import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { PlannedHome } from '../document/document';
 import type { Mission, MissionPosition, Vector } from './mission';
@@ -84,8 +84,8 @@ export function raisedBy(position: MissionPosition, by_m: number): MissionPositi
 
 /** The altitude of a point as text: AMSL, above home or above the start, depending on its frame. */
 export function altitudeText(position: MissionPosition, frame: MissionFrame): string {
-  if (position.alt_amsl_m != null) return `${fixed(position.alt_amsl_m, 1)} m AMSL`;
-  return `${fixed(geoPointOf(position, frame).up_m, 1)} m above ${positionFrameOf(position) === 'home' ? 'home' : 'the start'}`;
+  if (position.alt_amsl_m != null) return `${heightText(position.alt_amsl_m)} AMSL`;
+  return `${heightText(geoPointOf(position, frame).up_m)} above ${positionFrameOf(position) === 'home' ? 'home' : 'the start'}`;
 }
 
 /** Moves a point horizontally; altitude and frame are kept. */

@@ -1,6 +1,6 @@
 /** Adds, renames and removes roles of a mission, and says what the server has planned for them. Pure: each function returns a new mission. */
 
-import { durationText, fixed, metres } from '../../../ui/format';
+import { distance, durationText, lengthText } from '../../../ui/format';
 import { roleNames, type CompiledFlight, type Mission, type Role, type Step } from './mission';
 import { newStep } from './step-titles';
 
@@ -69,7 +69,7 @@ function withoutMeetings(steps: readonly Step[]): readonly Step[] {
 export function roleFigures(flight: CompiledFlight, role: string): string {
   const planned = flight.roles.find((each) => each.role === role);
   if (planned === undefined) return '';
-  const length = metres(planned.length_m);
+  const length = distance(planned.length_m);
   return [durationText(planned.time_s), `${length.text} ${length.unit}`, ...(planned.photos > 0 ? [`${planned.photos} photos`] : [])].join(' · ');
 }
 
@@ -78,5 +78,5 @@ export function closestText(flight: CompiledFlight): string | null {
   const [first, ...rest] = flight.closest;
   if (first === undefined) return null;
   const { roles, distance_m, t_s } = rest.reduce((nearest, each) => (each.distance_m < nearest.distance_m ? each : nearest), first);
-  return `Smallest planned distance: ${fixed(distance_m, 1)} m, ${roles[0]} and ${roles[1]} after ${durationText(t_s)}.`;
+  return `Smallest planned distance: ${lengthText(distance_m)}, ${roles[0]} and ${roles[1]} after ${durationText(t_s)}.`;
 }

@@ -1,6 +1,7 @@
 /** Titles and details of a mission's steps, and the default values of new steps. Pure functions. */
 
-import { fixed } from '../../../ui/format';
+import { quantityOf } from '../../../vehicle/fields';
+import { fixed, shortText } from '../../../ui/format';
 import type { PlannedHome } from '../document/document';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
 
@@ -34,14 +35,14 @@ export const GIMBAL_MODES: Readonly<Record<string, string>> = {
   release: 'release control',
 };
 
-/** Values that a condition can compare, with their units. */
+/** Values that a condition can compare, with their units or quantities (`ui/units.ts`). */
 export const CONDITION_VALUES: Readonly<Record<string, readonly [string, string]>> = {
   battery_share: ['battery', '%'],
-  wind_speed_m_s: ['wind', 'm/s'],
-  ground_speed_m_s: ['ground speed', 'm/s'],
-  distance_m: ['distance sensor', 'm'],
+  wind_speed_m_s: ['wind', 'speed'],
+  ground_speed_m_s: ['ground speed', 'speed'],
+  distance_m: ['distance sensor', 'length'],
   satellites: ['satellites', ''],
-  horizontal_error_m: ['estimated horizontal position error', 'm'],
+  horizontal_error_m: ['estimated horizontal position error', 'length'],
 };
 /** Factor from a fraction to per cent. */
 export const PERCENT = 100;
@@ -62,7 +63,7 @@ function conditionText(condition: unknown): string {
   const threshold = above ?? below ?? 0;
   const displayedThreshold = value === 'battery_share' ? threshold * PERCENT : threshold;
   const durationText = (for_s ?? 0) > 0 ? ` for ${fixed(for_s ?? 0, 0)} s` : '';
-  return `${label} ${above != null ? 'above' : 'below'} ${fixed(displayedThreshold, 1).replace(/\.0$/, '')}${unit === '' ? '' : ` ${unit}`}${durationText}`;
+  return `${label} ${above != null ? 'above' : 'below'} ${shortText(unit, displayedThreshold)}${durationText}`;
 }
 
 /** The text below a step's title in the list. */
@@ -71,11 +72,11 @@ export function detailOf(step: Step): string {
   /** Adds the text with the field's value in place of `#`, unless the value is 0 or missing. */
   const add = (field: string, text: string): void => {
     const value = numberOrNull(step[field]);
-    if (value !== null && value !== 0) parts.push(text.replace('#', fixed(value, 1).replace(/\.0$/, '')));
+    if (value !== null && value !== 0) parts.push(text.replace('#', shortText(quantityOf(field).unit, value)));
   };
   switch (step.step) {
     case 'take_off':
-      add('height_m', '# m above the start');
+      add('height_m', '# above the start');
       break;
     case 'fly':
       parts.push(`${step.points?.length ?? 0} ${step.points?.length === 1 ? 'point' : 'points'}`);
@@ -84,10 +85,10 @@ export function detailOf(step: Step): string {
     case 'hold':
     case 'velocity':
     case 'attitude':
-      add('duration_s', '# s');
+      add('duration_s', '#');
       break;
     case 'figure_eight':
-      add('length_m', '# m long');
+      add('length_m', '# long');
       add('rounds', step['rounds'] === 1 ? '# lap' : '# laps');
       break;
     case 'table':
@@ -120,19 +121,19 @@ export function detailOf(step: Step): string {
     case 'orbit':
     case 'helix':
     case 'spiral':
-      add('radius_m', 'radius # m');
+      add('radius_m', 'radius #');
       add('turns', step['turns'] === 1 ? '# turn' : '# turns');
-      if ((numberOrNull(step['climb_m']) ?? 0) < 0) parts.push(`descend ${fixed(-(step['climb_m'] as number), 1).replace(/\.0$/, '')} m`);
-      else add('climb_m', 'climb # m');
-      add('end_radius_m', 'to radius # m');
+      if ((numberOrNull(step['climb_m']) ?? 0) < 0) parts.push(`descend ${shortText('height', -(step['climb_m'] as number))}`);
+      else add('climb_m', 'climb #');
+      add('end_radius_m', 'to radius #');
       break;
     case 'meet':
       parts.push(String(step['meeting'] ?? ''));
       break;
     case 'land':
   }
-  add('speed_m_s', '≤ # m/s');
-  add('photo_every_m', 'photo every # m');
+  add('speed_m_s', '≤ #');
+  add('photo_every_m', 'photo every #');
   if (step['look_at'] != null) parts.push('heading towards a point');
   else if (step['heading'] === 'along_path') parts.push('heading along the path');
   return parts.join(' · ');

@@ -1,7 +1,7 @@
 /** The drawn shape from which a pattern is generated: an area with holes, a line, or a point. Pure functions. */
 
 import type { GeneratedPattern } from '../api';
-import { durationText, fixed, metres } from '../../../ui/format';
+import { areaText, distance, durationText, fixed, lengthText } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { Pattern } from '../document/document';
 import { midpoint } from '../document/edit';
@@ -156,26 +156,20 @@ export interface Figure {
   readonly value: string;
 }
 
-/** An area in m²; from 10,000 m² in hectares, from 1,000,000 m² in km². */
-export function areaText(area_m2: number): string {
-  if (area_m2 >= 1e6) return `${fixed(area_m2 / 1e6, 2)} km²`;
-  return area_m2 >= 1e4 ? `${fixed(area_m2 / 1e4, 2)} ha` : `${fixed(area_m2, 0)} m²`;
-}
-
 /**
  * The figures of a pattern, without those that do not apply, such as the resolution of a pattern without photos.
  * @param spacingLabel name of the distance between lines or rounds.
  */
 export function figuresOf(figures: GeneratedPattern['figures'], spacingLabel: string): Figure[] {
-  const length = metres(figures.length_m);
+  const length = distance(figures.length_m);
   const allFigures: (Figure | null)[] = [
     { label: 'Length', value: `${length.text} ${length.unit}` },
     { label: 'Time', value: durationText(figures.time_s) },
     figures.photos > 0 ? { label: 'Photos', value: fixed(figures.photos, 0) } : null,
     figures.resolution_m_px === null ? null : { label: 'Resolution', value: `${fixed(figures.resolution_m_px * 100, 2)} cm/px` },
     figures.area_m2 === null ? null : { label: 'Area', value: areaText(figures.area_m2) },
-    figures.trigger_m > 0 ? { label: 'Photo every', value: `${fixed(figures.trigger_m, 1)} m` } : null,
-    figures.spacing_m > 0 ? { label: spacingLabel, value: `${fixed(figures.spacing_m, 1)} m` } : null,
+    figures.trigger_m > 0 ? { label: 'Photo every', value: lengthText(figures.trigger_m) } : null,
+    figures.spacing_m > 0 ? { label: spacingLabel, value: lengthText(figures.spacing_m) } : null,
     figures.heading_deg === null ? null : { label: 'Line heading', value: `${fixed(figures.heading_deg, 0)}°` },
   ];
   return allFigures.filter((figure) => figure !== null);

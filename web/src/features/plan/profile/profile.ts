@@ -1,5 +1,6 @@
 /** The altitude profile along the path. Pure functions. */
 
+import { fromUnit, stepIn } from '../../../ui/units';
 import { groundDistance_m, positionAt, type GeoPosition, eastNorth, type EastNorth } from '../../../vehicle/geo';
 import { alt_home_m, obstaclesOf, flownItems, type Plan, type PlannedHome, type DocumentAreas, type Obstacle } from '../document/document';
 import type { CompiledFlight } from '../offboard/mission';
@@ -33,7 +34,7 @@ export interface Profile {
  */
 export type Ground = readonly (readonly [number, number | null])[];
 
-/** The scale of the plot ends at multiples of this altitude [m]. */
+/** The scale of the plot ends at multiples of about this altitude [m], round in the chosen unit. */
 const SCALE_STEP_M = 10;
 
 /** Profile of a waypoint plan, from the planned home, if there is one, through all items that the vehicle flies to. */
@@ -89,8 +90,9 @@ function completeProfile(points: readonly ProfilePoint[], ground: Ground, docume
     ...ground.flatMap(([, altitude_m]) => altitude_m ?? []),
     ...obstacles.map((span) => span.top_m),
   ];
-  const top_m = Math.max(SCALE_STEP_M, Math.ceil((Math.max(0, ...altitudes_m) * 1.1) / SCALE_STEP_M) * SCALE_STEP_M);
-  const bottom_m = Math.min(0, Math.floor(Math.min(0, ...altitudes_m) / SCALE_STEP_M) * SCALE_STEP_M);
+  const step_m = fromUnit('height', stepIn('height', SCALE_STEP_M));
+  const top_m = Math.max(step_m, Math.ceil((Math.max(0, ...altitudes_m) * 1.1) / step_m) * step_m);
+  const bottom_m = Math.min(0, Math.floor(Math.min(0, ...altitudes_m) / step_m) * step_m);
   return { points, obstacles, length_m, top_m, bottom_m };
 }
 
