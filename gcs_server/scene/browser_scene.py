@@ -267,7 +267,7 @@ class BrowserScene:
         if self._terrain is None:
             return f"grid {self._grid_step_m:.0f} m · {self._grid_step_m * 10:.0f} m"
         note = self._terrain.shape.terrain.note
-        return f"ground of the elevation files · lines {LINES_M:.0f} m{' · ' if note else ''}{note}"
+        return f"terrain · lines {LINES_M:.0f} m{' · ' if note else ''}{note}"
 
     def _update_camera(
         self, view: View, smoother: Smoother | None, simulated_pose: VehiclePose | None

@@ -174,7 +174,7 @@ html[data-gcs-cursor="height"] canvas { cursor: ns-resize; }
 .gcs-tags span[data-side="sign"] { border: 0; font-weight: 500; z-index: -1; }
 .gcs-tags em {
   position: absolute; right: 10px; bottom: 8px; font: 500 11px/16px Inter, system-ui, "Segoe UI", sans-serif;
-  font-variant-numeric: tabular-nums; white-space: nowrap;
+  font-variant-numeric: tabular-nums; max-width: calc(100% - 20px); text-align: right;
 }
 .gcs-tags[data-mode="gimbal"]::before {
   content: ""; position: absolute; left: var(--gcs-x, 50%); top: var(--gcs-y, 50%);

@@ -32,6 +32,8 @@ SHADE = 0.6
 """Part of the colour that depends on the slope."""
 LINE_GAP_M = 0.15
 """Height of the lines above the ground, so that they do not flicker [m]."""
+UNKNOWN_Z_M = -20_000.0
+"""Height of vertices where the ground is unknown; no triangle has them, and the page knows them by it [m]."""
 MIN_HEIGHT_RANGE_M = 20.0
 """Smallest range of heights that the colours show [m]: flat ground has one colour."""
 
@@ -78,9 +80,11 @@ class TerrainShape:
         self._up_m = terrain.relief.amsl_m + np.float32(terrain.shift_m - origin_deg_m[2])
 
     def mesh(self) -> Mesh:
-        """Triangles of the known ground."""
+        """Triangles of the known ground. The page reads the vertices, too, so that the plans that it draws
+        stand on them (`scene-terrain.ts`)."""
         east, north = np.meshgrid(self._east_m, self._north_m)
-        vertices = np.stack([east, north, np.nan_to_num(self._up_m)], axis=-1).reshape(-1, 3)
+        up = np.nan_to_num(self._up_m, nan=UNKNOWN_Z_M)
+        vertices = np.stack([east, north, up], axis=-1).reshape(-1, 3)
         rows, columns = self._up_m.shape
         numbers = np.arange(rows * columns, dtype=np.uint32).reshape(rows, columns)
         a, b, c, d = (numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, 1:], numbers[1:, :-1])

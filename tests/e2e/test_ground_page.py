@@ -91,9 +91,7 @@ def test_the_ground_of_an_area_is_saved_and_shown(browser: Browser, station: Sta
         with open_page(browser, station.url, theme=theme, size=(1280, 800)) as page:
             page.get_by_title("3D view", exact=True).wait_for()
             scene = scene_frame(page)
-            expect(scene.locator(".gcs-tags em")).to_contain_text(
-                "ground of the elevation files", timeout=60_000
-            )
+            expect(scene.locator(".gcs-tags em")).to_contain_text("terrain · lines 100 m", timeout=60_000)
             picture(page, f"{theme}-3-terrain")
             page.mouse.click(520, 640)
             menu = page.get_by_role("dialog")

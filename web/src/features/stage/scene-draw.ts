@@ -113,7 +113,7 @@ export class ScenePainter {
   private beginLine(view: SceneView, positions: readonly LayerPosition[], onGround = false): boolean {
     this.ctx.beginPath();
     const enu = positions.map((at) => view.enuOf(at));
-    return this.addLine(view, onGround ? enu.map(([east, north]): Vector => [east, north, view.ground_m]) : enu);
+    return this.addLine(view, onGround ? view.onGround(enu) : enu);
   }
 
   /** Adds a line to the current path. @returns false: the whole line is behind the camera. */

@@ -2,10 +2,17 @@
 
 import type { LayerPosition } from '../../app/map-layers.svelte';
 import type { CameraPose } from './scene-overview';
+import { SceneTerrain } from './scene-terrain';
 import { parseOrigin, validCamera, type Matrix, type SceneCamera } from './scene-view';
 
 interface Elements {
   readonly elements: Matrix;
+}
+
+interface SceneNode {
+  readonly matrixWorld: Elements;
+  readonly geometry?: { readonly attributes?: { readonly position?: { readonly array: ArrayLike<number> } } };
+  readonly traverse?: (visit: (node: SceneNode) => void) => void;
 }
 
 interface ViserState {
@@ -16,7 +23,7 @@ interface ViserState {
     readonly matrixWorld: Elements;
     readonly matrixWorldInverse: Elements;
   } | null;
-  readonly nodeRefFromName?: Readonly<Record<string, { readonly matrixWorld: Elements } | undefined>>;
+  readonly nodeRefFromName?: Readonly<Record<string, SceneNode | undefined>>;
   readonly cameraControl?: {
     readonly setLookAt: (...numbers: number[]) => unknown;
     readonly getTarget: () => Readonly<Record<'x' | 'y' | 'z', number>>;
@@ -45,6 +52,23 @@ export function cameraOf(sceneWindow: SceneWindow, origin: Required<LayerPositio
     width: sceneWindow.innerWidth,
     height: sceneWindow.innerHeight,
   });
+}
+
+const TERRAIN = /^\/world\/terrain_\d+\/ground$/;
+const terrains = new WeakMap<ArrayLike<number>, SceneTerrain>();
+
+/** The ground that the view draws, the same object until it draws another one; null: a level grid. */
+export function terrainOf(sceneWindow: SceneWindow): SceneTerrain | null {
+  const nodes = sceneWindow.__viserMutable?.nodeRefFromName ?? {};
+  const name = Object.keys(nodes)
+    .filter((each) => TERRAIN.test(each) && nodes[each] != null)
+    .at(-1);
+  let vertices: ArrayLike<number> | null = null;
+  nodes[name ?? '']?.traverse?.((node) => (vertices ??= node.geometry?.attributes?.position?.array ?? null));
+  if (vertices === null) return null;
+  const terrain = terrains.get(vertices) ?? new SceneTerrain(vertices);
+  terrains.set(vertices, terrain);
+  return terrain;
 }
 
 /** Vertical field of view of the camera [rad]; null while viser starts. */

@@ -4,6 +4,7 @@ import { eastNorth, positionAt, type GeoPosition } from '../../vehicle/geo';
 import { LayerGesture, targetAt, withHandles } from './layer-gesture';
 import { drawnPoints, MAX_POINTS, visibleArea, visibleParts } from './scene-draw';
 import { facesOf } from './scene-solids';
+import { SceneTerrain } from './scene-terrain';
 import { NEAR_M, parseOrigin, SceneView, validCamera, type Clip, type Matrix, type SceneCamera } from './scene-view';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -224,5 +225,35 @@ describe('the camera of the frame', () => {
   it('has the origin that the page of the 3D view contains, or none', () => {
     expect(parseOrigin('47.4,8.5,480')).toEqual(ORIGIN);
     for (const text of [undefined, '', '47.4,8.5', '47.4,8.5,', '47.4,8.5,NaN', '47.4,8.5,480,1', 'a,b,c']) expect(parseOrigin(text)).toBeNull();
+  });
+});
+
+describe('on hills', () => {
+  /** Level to the north of home, then a slope of 1 in 2. */
+  const lines = Array.from({ length: 201 }, (_, i) => 10 * (i - 100));
+  const slope = new SceneTerrain(lines.flatMap((north) => lines.flatMap((east) => [east, north, Math.max(0, north) / 2])));
+  const view = new SceneView(cameraLookingNorth([0, -50, 30], 0.3), 480, slope);
+
+  it('stands positions without an altitude on the ground, and others at theirs', () => {
+    expect(view.enuOf(at(0, 40))[2]).toBeCloseTo(20, 1);
+    expect(view.enuOf(at(0, 40, 7))[2]).toBeCloseTo(7);
+    expect(view.enuOf(at(0, 5000))[2]).toBeCloseTo(0);
+  });
+
+  it('draws the line below a path along the ground', () => {
+    const line = view.onGround([
+      [0, -40, 50],
+      [0, 40, 50],
+    ]);
+    expect(line.length).toBeGreaterThan(7);
+    expect(line.at(-1)?.[2]).toBeCloseTo(20, 1);
+    expect(Math.max(...line.filter(([, north]) => north < 0).map(([, , up]) => up))).toBe(0);
+  });
+
+  it('finds the place on the slope at a pixel, not behind it', () => {
+    const pixel = view.pixelOf(at(5, 40));
+    const found = eastNorth_m(view.groundAt(pixel ?? { x: 0, y: 0 }));
+    expect(found[1]).toBeCloseTo(40, -0.5);
+    expect(found[0]).toBeCloseTo(5, -0.5);
   });
 });

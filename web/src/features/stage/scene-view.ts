@@ -3,6 +3,7 @@
 import type { LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
 import { eastNorth, positionAt, type GeoPosition, type Pixel } from '../../vehicle/geo';
 import type { LayerView } from './layer-gesture';
+import type { SceneTerrain } from './scene-terrain';
 
 /** A 4×4 matrix in column-major order, as in three.js. */
 export type Matrix = ArrayLike<number>;
@@ -35,6 +36,9 @@ export const NEAR_M = 0.1;
  * A pointer cannot select or move positions farther away than this [m], because a pixel then covers a large distance.
  */
 const MAX_DISTANCE_M = 5000;
+/** Distance between two points of a line on the ground [m], and their largest number for one leg. */
+const GROUND_STEP_M = 10;
+const MAX_GROUND_POINTS = 200;
 /** Length of the line from a point to its handle [px]. */
 const HANDLE_PX = 40;
 /** Below this angle between the line of sight and the horizontal, a point is dragged on a vertical plane, not a horizontal one. */
@@ -66,10 +70,14 @@ export class SceneView implements LayerView {
   readonly eye: Vector;
   private readonly clipMatrix: Matrix;
 
-  /** @param ground_amsl_m altitude of the ground, and of positions without an altitude. */
+  /**
+   * @param ground_amsl_m altitude of level ground.
+   * @param terrain the ground that the view draws; null: level ground.
+   */
   constructor(
     private readonly camera: SceneCamera,
     private readonly ground_amsl_m: number,
+    private readonly terrain: SceneTerrain | null = null,
   ) {
     this.width = camera.width;
     this.height = camera.height;
@@ -77,10 +85,28 @@ export class SceneView implements LayerView {
     this.eye = this.toWorld([camera.pose[12] ?? 0, camera.pose[13] ?? 0, camera.pose[14] ?? 0]);
   }
 
-  /** Converts a position to the world's ENU [m]. */
+  /** Converts a position to the world's ENU [m]; a position without an altitude is on the ground. */
   enuOf(at: LayerPosition): Vector {
     const { east_m, north_m } = eastNorth(this.camera.origin, at);
-    return [east_m, north_m, this.upOf(at.alt_amsl_m ?? this.ground_amsl_m)];
+    return [east_m, north_m, at.alt_amsl_m === undefined ? this.groundUpAt(east_m, north_m) : this.upOf(at.alt_amsl_m)];
+  }
+
+  /** Up coordinate of the ground at a place in the world's ENU [m]. */
+  groundUpAt(east_m: number, north_m: number): number {
+    return this.terrain?.upAt(east_m, north_m) ?? this.ground_m;
+  }
+
+  /** The line on the ground below positions of the world's ENU, with points where the ground may bend. */
+  onGround(line: readonly Vector[]): Vector[] {
+    return line.flatMap((to, i) => {
+      const from = this.terrain === null ? to : (line[i - 1] ?? to);
+      const count = Math.min(MAX_GROUND_POINTS, Math.max(1, Math.ceil(Math.hypot(to[0] - from[0], to[1] - from[1]) / GROUND_STEP_M)));
+      return Array.from({ length: count }, (_, k): Vector => {
+        const fraction = (k + 1) / count;
+        const [east, north] = [from[0] + (to[0] - from[0]) * fraction, from[1] + (to[1] - from[1]) * fraction];
+        return [east, north, this.groundUpAt(east, north)];
+      });
+    });
   }
 
   /** Converts an altitude to an up coordinate in the world's ENU [m]. */
@@ -117,7 +143,17 @@ export class SceneView implements LayerView {
 
   /** The ground position at a pixel; null: the sky, or too far away. */
   groundAt(at: Pixel): GeoPosition | null {
+    const ray = this.rayOf(at);
+    for (let distance_m = 1, before_m = 0; this.terrain !== null && distance_m < MAX_DISTANCE_M; distance_m += Math.max(1, distance_m / 100)) {
+      const [east, north, up] = this.alongRay(ray, distance_m);
+      if (up <= (this.terrain.upAt(east, north) ?? -Infinity)) return this.geoPosition(this.alongRay(ray, (before_m + distance_m) / 2));
+      before_m = distance_m;
+    }
     return this.geoPosition(this.pointOnHorizontalPlane(at, this.ground_m));
+  }
+
+  private alongRay(ray: Vector, distance_m: number): Vector {
+    return [this.eye[0] + ray[0] * distance_m, this.eye[1] + ray[1] * distance_m, this.eye[2] + ray[2] * distance_m];
   }
 
   readonly heightAt = (at: Pixel, position: LayerPosition): number | null => {
