@@ -1,4 +1,5 @@
-"""The page with a hundred simulated vehicles: CPU time of list, selection, Hold for all and the 3D view."""
+"""The page with a hundred simulated vehicles: CPU time of list, selection, Hold for all and the 3D
+view; memory over five minutes."""
 
 from __future__ import annotations
 
@@ -21,6 +22,8 @@ from .process import cpu_share, load_average
 VEHICLES = 100
 ALT_HOME_M = 10.0
 SETTLE_S, WINDOW_S = 5.0, 15.0
+LONG_S = 300.0
+"""Time over which memory may not grow."""
 PARALLEL_TAKEOFFS = 8
 """Number of vehicles that are armed and take off at the same time."""
 
@@ -63,18 +66,23 @@ class CpuMeter:
         self._cdp.send("Performance.enable", {"timeDomain": "threadTicks"})
         self._server_pid = server_pid
 
-    def row(self, title: str) -> str:
+    def row(self, title: str, window_s: float = WINDOW_S) -> str:
         """A row of the table for the currently displayed view."""
         time.sleep(SETTLE_S)
-        before, began_s = self._page_cpu_s(), time.monotonic()
-        server_share = cpu_share(self._server_pid, WINDOW_S)
-        after, elapsed_s = self._page_cpu_s(), time.monotonic() - began_s
+        before, began_s = self._metrics(), time.monotonic()
+        server_share = cpu_share(self._server_pid, window_s)
+        after, elapsed_s = self._metrics(), time.monotonic() - began_s
         main_thread, script = (
             (after[name] - before[name]) / elapsed_s for name in ("TaskDuration", "ScriptDuration")
         )
         return f"| {title} | {load_average()} | {main_thread:.0%} | {script:.0%} | {server_share:.0%} |"
 
-    def _page_cpu_s(self) -> dict[str, float]:
+    def heap_mb(self) -> float:
+        """The page's objects in memory after a garbage collection [MB]."""
+        self._cdp.send("HeapProfiler.collectGarbage")
+        return self._metrics()["JSHeapUsedSize"] / 1e6
+
+    def _metrics(self) -> dict[str, float]:
         return {m["name"]: m["value"] for m in self._cdp.send("Performance.getMetrics")["metrics"]}
 
 
@@ -102,6 +110,9 @@ def table(count: int = VEHICLES) -> Iterator[str]:
         is_listed = f"document.querySelectorAll('section[aria-label=\"Vehicle list\"] li').length === {count}"
         opened_ms = _elapsed_ms(page, lambda: page.keyboard.press("j"), f"() => {is_listed}")
         yield cpu_meter.row("with the list")
+        heap_mb = [cpu_meter.heap_mb()]
+        yield cpu_meter.row(f"the same over {LONG_S / 60:.0f} min", LONG_S)
+        heap_mb.append(cpu_meter.heap_mb())
         last_vehicle = page.get_by_role("list", name="Vehicles found").get_by_role("button").last
         selected_row = "document.querySelector('.row[aria-pressed=true]')"
         is_last_selected = f"() => {selected_row} === document.querySelector('li:last-child .row')"
@@ -114,4 +125,5 @@ def table(count: int = VEHICLES) -> Iterator[str]:
             hold_ms = (time.monotonic() - began_s) * 1000
         browser.close()
     yield f"\nList shown after {opened_ms:.0f} ms, another vehicle selected after {selected_ms:.0f} ms."
+    yield f"Heap after GC: {heap_mb[0]:.1f} MB, {LONG_S / 60:.0f} min later {heap_mb[1]:.1f} MB."
     yield f"Hold all: the last vehicle showed Hold after {hold_ms:.0f} ms."

@@ -84,6 +84,27 @@ def panels(setup: PictureSetup) -> None:
         page.keyboard.press("Escape")
 
 
+def new_rooms(setup: PictureSetup) -> None:
+    """The search, a measured distance, and the set-up of the gimbal."""
+    page = setup.page
+    page.keyboard.press("Control+k")
+    page.get_by_role("combobox").fill("return")
+    save_in_both_themes(page, setup.folder, "search")
+    page.keyboard.press("Escape")
+    page.keyboard.press("m")
+    page.keyboard.press("d")
+    for x, y in ((0.45, 0.3), (0.6, 0.35), (0.57, 0.6)):
+        page.mouse.click(DESKTOP_SIZE[0] * x, DESKTOP_SIZE[1] * y)
+    save_in_both_themes(page, setup.folder, "measure")
+    page.keyboard.press("Escape")
+    page.keyboard.press("m")
+    page.keyboard.press("Shift+V")
+    page.get_by_role("region", name="Vehicle set-up").wait_for()
+    wait_until_unchanged(page, 3)
+    save_in_both_themes(page, setup.folder, "vehicle")
+    page.keyboard.press("Shift+V")
+
+
 def mission_in_flight(setup: PictureSetup) -> None:
     """A waypoint plan in flight on the map: numbered items, the flown part faded, the mission's card."""
     page, drone = setup.page, setup.drone
@@ -284,6 +305,7 @@ STATES: tuple[Callable[[PictureSetup], None], ...] = (
     plan_pictures.dry_run,
     gimbal,
     panels,
+    new_rooms,
     mission_in_flight,
     small_screens,
     offboard,

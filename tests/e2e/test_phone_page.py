@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Generator
-
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import bounding_box, client_id_script, serious_violations
+from tests.e2e.browser import bounding_box, serious_violations
 from tests.e2e.fast_station import Station, take_off_to_hold
 from tests.e2e.line_mission import plan_at, start_mission
+from tests.e2e.touch import HEIGHT_PX, WIDTH_PX, phone, slide_by_touch
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
-WIDTH_PX, HEIGHT_PX = 390, 844
 TOUCH_PX = 44
 """Smallest side of a control that a thumb hits."""
 TITLES = """() => {
@@ -24,24 +21,6 @@ TITLES = """() => {
   return [inner.right <= outer.right, inner.bottom <= outer.bottom, title.scrollWidth <= title.clientWidth];
 }"""
 """Whether the longest state of a vehicle is whole inside its pill."""
-
-
-@contextlib.contextmanager
-def phone(browser: Browser, station: Station, client_id: str = "e2e") -> Generator[Page]:
-    """The page in a phone's browser, which has only touch."""
-    context = browser.new_context(
-        viewport={"width": WIDTH_PX, "height": HEIGHT_PX}, has_touch=True, is_mobile=True
-    )
-    context.set_default_timeout(60_000)
-    page = context.new_page()
-    page.add_init_script(client_id_script(client_id))
-    page.route("**/scene/**", lambda route: route.fulfill(content_type="text/plain", body=""))
-    try:
-        page.goto(station.url)
-        page.locator(".pill").wait_for()
-        yield page
-    finally:
-        context.close()
 
 
 def assert_in_reach(page: Page, control: Locator) -> None:
@@ -60,22 +39,6 @@ def actions_of(page: Page) -> list[Locator]:
     """Hold, Land and Stop motors."""
     bar = page.get_by_role("toolbar", name="Actions")
     return [bar.get_by_role("button", name=name, exact=True) for name in ("Hold", "Land", "Stop motors")]
-
-
-def slide_by_touch(page: Page) -> None:
-    """Confirms the open confirmation with a finger."""
-    knob = page.get_by_role("alertdialog").get_by_role("slider")
-    box = bounding_box(knob)
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    session = page.context.new_cdp_session(page)
-
-    def touch(kind: str, points: list[dict[str, float]]) -> None:
-        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-
-    touch("touchStart", [{"x": x, "y": y}])
-    for step in range(1, 11):
-        touch("touchMove", [{"x": min(x + step * 32, WIDTH_PX - 4), "y": y}])
-    touch("touchEnd", [])
 
 
 def test_hold_land_and_stop_motors_are_in_reach_while_a_mission_is_flown(

@@ -136,6 +136,13 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
       },
     ]),
   ),
+  'guide: follow': {
+    click: (facts) => {
+      guided.open('follow', facts);
+      guided.change({ leader: page.ids.find((id) => id !== facts.id) ?? '' });
+      guided.request({ ...facts, offboard: null });
+    },
+  },
   'look here': {
     click: (facts) => {
       mapPointMenu.open({ lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null, scenePixel: null }, facts);

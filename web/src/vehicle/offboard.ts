@@ -22,7 +22,10 @@ export interface OffboardStatus {
   streaming: boolean;
   /** idle, starting, streaming, interrupted, holding, to_hold, landing, undoing. */
   state: string;
+  /** Type of the setpoint that is sent; a path or a followed vehicle is sent as another type. */
   type: string | null;
+  /** Type of the requested setpoint. */
+  requestedType: string | null;
   position_ned_m: MaybeVector3 | null;
   velocity_ned_m_s: MaybeVector3 | null;
   velocity_frd_m_s: MaybeVector3 | null;
@@ -97,6 +100,7 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     streaming: raw['streaming'] === true,
     state,
     type: readText(setpoint, 'type'),
+    requestedType: readText(raw, 'ordered_type'),
     position_ned_m: readVector(setpoint, 'position_ned_m'),
     velocity_ned_m_s: readVector(setpoint, 'velocity_ned_m_s'),
     velocity_frd_m_s: readVector(setpoint, 'velocity_frd_m_s'),

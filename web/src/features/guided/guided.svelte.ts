@@ -6,9 +6,11 @@ import { MAIN_PART, type ActionController } from '../../app/actions/controller.s
 import type { LayerContent, LayerEditor } from '../../app/map-layers.svelte';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { GeoPosition } from '../../vehicle/geo';
+import { followStart } from './follow';
 import {
   confirmationTexts,
   FIELDS,
+  followingOf,
   headingTo,
   KIND_NAMES,
   NO_LIMITS,
@@ -28,9 +30,11 @@ import {
 const EMPTY: Draft = {
   kind: 'altitude',
   place: null,
-  texts: { alt_home_m: '', yaw_ned_deg: '', speed_m_s: '', radius_m: '20' },
+  texts: { alt_home_m: '', yaw_ned_deg: '', speed_m_s: '', radius_m: '20', behind_m: '5', above_m: '2' },
   clockwise: true,
   nose: 'vehicle',
+  leader: '',
+  followNose: 'keep',
 };
 const DEFAULT_ORBIT_SPEED = '3';
 
@@ -68,7 +72,8 @@ export class GuidedCommands {
         kind === 'heading' && place !== null ? headingTo(place, facts) : kind === 'go' || heading_deg === null ? '' : String(Math.round(heading_deg)),
       speed_m_s: kind === 'orbit' ? DEFAULT_ORBIT_SPEED : '',
     };
-    this.draft = { ...this.draft, kind, place, texts };
+    const leader = this.draft.leader === facts.id ? '' : this.draft.leader;
+    this.draft = { ...this.draft, kind, place, texts, leader };
     this.vehicle = facts.id;
     if (!facts.replayed && !facts.lost) void this.loadLimits(facts.id);
   }
@@ -92,7 +97,7 @@ export class GuidedCommands {
     this.draft = { ...this.draft, place, texts: { ...this.draft.texts, [field]: text } };
   }
 
-  change(changes: Partial<Pick<Draft, 'clockwise' | 'nose'>>): void {
+  change(changes: Partial<Pick<Draft, 'clockwise' | 'nose' | 'leader' | 'followNose'>>): void {
     this.draft = { ...this.draft, ...changes };
   }
 
@@ -137,16 +142,25 @@ export class GuidedCommands {
   /** Opens the confirmation of the draft, which says the effect with numbers. */
   request(facts: VehicleFacts): void {
     const draft = this.draft;
+    const { kind } = draft;
     const at = placeOf(draft, facts);
-    if (at === null || whyNot(draft, facts, this.limitsOf(facts.id)) !== null) return;
+    const leader = draft.kind === 'follow' ? this.factsNow(draft.leader) : null;
+    if (at === null || whyNot(draft, facts, this.limitsOf(facts.id), leader) !== null) return;
+    const accept = (outcome: Outcome<unknown>): void => {
+      if (outcome.ok) this.accepted = { ...this.accepted, [facts.id]: { draft, at } };
+    };
+    if (kind === 'follow') {
+      if (leader !== null) this.actions.request('offboard_start', facts, MAIN_PART, null, followStart(followingOf(draft), leader, accept));
+      return;
+    }
     const present = (): VehicleFacts => this.factsNow(facts.id) ?? facts;
     const changed = (): string | null => {
       const now = this.factsNow(facts.id);
       return now === null || now.inAir === facts.inAir ? null : `${facts.name} has ${facts.inAir ? 'landed' : 'taken off'} since the command was given.`;
     };
     const send = async (despite: readonly string[]): Promise<Outcome<unknown>> => {
-      const outcome = await this.send(draft, facts.id, at, despite);
-      if (outcome.ok) this.accepted = { ...this.accepted, [facts.id]: { draft, at } };
+      const outcome = await this.send({ ...draft, kind }, facts.id, at, despite);
+      accept(outcome);
       return outcome;
     };
     const command = commandTo(facts, KIND_NAMES[draft.kind], send, { changed, acceptsFindings: true });
@@ -154,7 +168,12 @@ export class GuidedCommands {
   }
 
   /** @param codes findings about the geofence that the person has accepted. */
-  private send(draft: Draft, id: string, { lat_deg, lon_deg }: GeoPosition, codes: readonly string[]): Promise<Outcome<unknown>> {
+  private send(
+    draft: Draft & { kind: Exclude<Kind, 'follow'> },
+    id: string,
+    { lat_deg, lon_deg }: GeoPosition,
+    codes: readonly string[],
+  ): Promise<Outcome<unknown>> {
     const params = ofVehicle(id);
     const accepted = codes.length === 0 ? {} : { despite: [...codes] };
     const given = Object.fromEntries(FIELDS[draft.kind].flatMap((field) => ((value) => (value === null ? [] : [[field, value]]))(numberOf(draft, field))));

@@ -25,9 +25,11 @@ const NORTH = { lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null };
 const draftOf = (kind: Draft['kind'], texts: Partial<Draft['texts']> = {}, more: Partial<Draft> = {}): Draft => ({
   kind,
   place: null,
-  texts: { alt_home_m: '20', yaw_ned_deg: '90', speed_m_s: '3', radius_m: '20', ...texts },
+  texts: { alt_home_m: '20', yaw_ned_deg: '90', speed_m_s: '3', radius_m: '20', behind_m: '5', above_m: '2', ...texts },
   clockwise: true,
   nose: 'vehicle',
+  leader: '',
+  followNose: 'keep',
   ...more,
 });
 const factsOf = (mode = 'hold', more: object = {}): VehicleFacts =>
@@ -225,5 +227,56 @@ describe('the form', () => {
     actions.onFrame(null);
     guided.request(factsOf());
     expect(actions.confirmation).toBeNull();
+  });
+});
+
+describe('following a vehicle', () => {
+  const LEADER = factsOf('mission', { id: '2', name: 'Quad 2', globalPosition: { value: { ...NORTH, alt_amsl_m: 508, alt_home_m: 8 }, stale: false } });
+  const follow = draftOf('follow', {}, { leader: '2' });
+
+  it('needs a vehicle with a position, a distance of two metres, and no stream of its own', () => {
+    expect(whyNot(follow, factsOf(), LIMITS, null)).toBe('Choose the vehicle to follow.');
+    expect(whyNot(follow, factsOf(), LIMITS, { ...LEADER, lost: true })).toBe('The position of Quad 2 is not known.');
+    expect(whyNot(draftOf('follow', { behind_m: '1', above_m: '1' }, { leader: '2' }), factsOf(), LIMITS, LEADER)).toContain('At least 2 m');
+    expect(whyNot(follow, factsOf('offboard', { offboard: { streaming: true } }), LIMITS, LEADER)).toContain('Hold first');
+    expect(whyNot(draftOf('follow', { behind_m: '300' }, { leader: '2' }), factsOf(), LIMITS, LEADER)).toBe('From -200 to 200 m.');
+    expect(whyNot(follow, factsOf(), LIMITS, LEADER)).toBeNull();
+  });
+
+  it('says where the vehicle will be, and starts a stream with exactly that', () => {
+    expect(effectText(follow, factsOf(), LIMITS, LEADER)).toMatch(/^Flies to Quad 2, 111 m away now, and stays 5 m behind, 2 m above in Offboard/);
+    const actions = { request: vi.fn(), requestCommand: vi.fn() };
+    const commands = new GuidedCommands(new ApiClient('p'), actions as unknown as ActionController, (id) =>
+      id === '2' ? LEADER : id === '1' ? factsOf() : null,
+    );
+    commands.open('follow', factsOf());
+    commands.request(factsOf());
+    expect(actions.request).not.toHaveBeenCalled();
+    commands.change({ leader: '2', followNose: 'face' });
+    commands.enter('behind_m', '-6');
+    commands.request(factsOf());
+    const [action, facts, , , start] = actions.request.mock.calls[0] ?? [];
+    expect([action, facts.id, start.setpoint]).toEqual(['offboard_start', '1', { type: 'follow', vehicle: '2', offset_frd_m: [6, 0, -2], yaw: 'face' }]);
+    expect(start.text).toContain('6 m ahead, 2 m above');
+    expect(start.validity.renew).toBe(true);
+    expect(commands.acceptedOf('1')).toBeNull();
+    start.onOutcome({ ok: true, value: null });
+    expect(commands.acceptedOf('1')?.draft.leader).toBe('2');
+  });
+
+  it('ends with the stream', () => {
+    const accepted = { draft: follow, at: HERE };
+    const streaming = factsOf('offboard', { offboard: { streaming: true, type: 'trajectory', requestedType: 'follow' } });
+    expect(progressOf(accepted, streaming, LEADER)).toEqual({ text: 'Follows Quad 2: 111 m away, 2.0 m above it.', ended: false });
+    expect(progressOf(accepted, streaming, null)).toEqual({ text: 'Follows 2, whose position is not known.', ended: false });
+    expect(progressOf(accepted, factsOf(), LEADER)).toEqual({ text: 'Following has ended: the vehicle is in hold.', ended: true });
+  });
+
+  it('never follows itself: another selected vehicle has to choose again', () => {
+    const commands = new GuidedCommands(new ApiClient('p'), {} as ActionController, () => LEADER);
+    commands.open('follow', factsOf());
+    commands.change({ leader: '2' });
+    commands.selectVehicle(LEADER);
+    expect(commands.draft.leader).toBe('');
   });
 });

@@ -7,10 +7,11 @@ import type { LayerContent, LayerPosition } from '../../app/map-layers.svelte';
 import { distanceText, heading, heightText, lengthText, shortText, speedText, UNKNOWN, wrap180 } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { bearing_rad, groundDistance_m, positionAt, type GeoPosition } from '../../vehicle/geo';
+import { followProgress, followText, whyNotFollow, type Following, type FollowNose } from './follow';
 
 /** `go` needs a position from the map; `orbit` and `home` use the vehicle's position without one, `heading` the entered number. */
-export type Kind = 'go' | 'altitude' | 'heading' | 'speed' | 'orbit' | 'home';
-export type Field = 'alt_home_m' | 'yaw_ned_deg' | 'speed_m_s' | 'radius_m';
+export type Kind = 'go' | 'altitude' | 'heading' | 'speed' | 'orbit' | 'follow' | 'home';
+export type Field = 'alt_home_m' | 'yaw_ned_deg' | 'speed_m_s' | 'radius_m' | 'behind_m' | 'above_m';
 export type Nose = 'vehicle' | 'center' | 'initial' | 'tangent' | 'uncontrolled';
 
 export const KIND_NAMES: Readonly<Record<Kind, string>> = {
@@ -19,6 +20,7 @@ export const KIND_NAMES: Readonly<Record<Kind, string>> = {
   heading: 'Heading',
   speed: 'Speed',
   orbit: 'Orbit',
+  follow: 'Follow',
   home: 'Home',
 };
 /** Text of the button of each command, and of its confirmation. */
@@ -28,6 +30,7 @@ export const VERBS: Readonly<Record<Kind, string>> = {
   heading: 'Turn',
   speed: 'Change speed',
   orbit: 'Orbit',
+  follow: 'Follow',
   home: 'Set home',
 };
 export const NOSE_NAMES: Readonly<Record<Nose, string>> = {
@@ -44,6 +47,7 @@ export const FIELDS: Readonly<Record<Kind, readonly Field[]>> = {
   heading: ['yaw_ned_deg'],
   speed: ['speed_m_s'],
   orbit: ['radius_m', 'speed_m_s', 'alt_home_m'],
+  follow: ['behind_m', 'above_m'],
   home: [],
 };
 const OPTIONAL: Readonly<Partial<Record<Kind, readonly Field[]>>> = { go: ['speed_m_s', 'yaw_ned_deg'] };
@@ -52,6 +56,8 @@ export const FIELD_NAMES: Readonly<Record<Field, { readonly label: string; reado
   yaw_ned_deg: { label: 'Heading', unit: '°', step: 5 },
   speed_m_s: { label: 'Ground speed', unit: 'speed', step: 0.5 },
   radius_m: { label: 'Radius', unit: 'length', step: 1 },
+  behind_m: { label: 'Behind it', unit: 'length', step: 1 },
+  above_m: { label: 'Above it', unit: 'height', step: 1 },
 };
 
 /** A vehicle's limits and speeds, from its parameters; null: not known. */
@@ -82,12 +88,17 @@ export interface Draft {
   readonly texts: Readonly<Record<Field, string>>;
   readonly clockwise: boolean;
   readonly nose: Nose;
+  /** Id of the vehicle to follow; empty: not chosen. */
+  readonly leader: string;
+  readonly followNose: FollowNose;
 }
 
 /** Centripetal acceleration at which PX4 limits the speed of an orbit [m/s²]. */
 const ORBIT_ACCELERATION_M_S2 = 2;
 const CIRCLE_POINTS = 48;
 const HEADING_LINE_M = 30;
+/** Largest offset from a followed vehicle [m]. */
+const FOLLOW_RANGE_M = 200;
 
 /** The number that a field contains; null: it is empty; NaN: it is no number. */
 export function numberOf(draft: Draft, field: Field): number | null {
@@ -107,6 +118,7 @@ export function orbitSpeedMax_m_s(radius_m: number): number {
 function boundsOf(field: Field, limits: Limits): { min: number; max: number; name: string | null } {
   if (field === 'alt_home_m') return { ...BOUNDS.GotoRequest.alt_home_m, name: null };
   if (field === 'yaw_ned_deg') return { ...BOUNDS.HeadingRequest.yaw_ned_deg, name: null };
+  if (field === 'behind_m' || field === 'above_m') return { min: -FOLLOW_RANGE_M, max: FOLLOW_RANGE_M, name: null };
   const [{ min, max }, limit, name] =
     field === 'speed_m_s'
       ? [BOUNDS.SpeedRequest.speed_m_s, limits.speedMax_m_s, PARAMETERS.speedMax_m_s]
@@ -147,8 +159,16 @@ export function headingTo(place: GeoPosition, facts: VehicleFacts): string {
   return String(Number(heading((bearing_rad(position, place) * 180) / Math.PI)));
 }
 
-/** Why the command cannot be given now; null: it can. */
-export function whyNot(draft: Draft, facts: VehicleFacts, limits: Limits): string | null {
+/** Where the draft wants the vehicle beside the followed one. */
+export function followingOf(draft: Draft): Following {
+  return { behind_m: number(draft, 'behind_m'), above_m: number(draft, 'above_m'), nose: draft.followNose };
+}
+
+/**
+ * Why the command cannot be given now; null: it can.
+ * @param leader the vehicle to follow; null: none is chosen.
+ */
+export function whyNot(draft: Draft, facts: VehicleFacts, limits: Limits, leader: VehicleFacts | null = null): string | null {
   if (facts.replayed) return 'A replayed vehicle accepts no commands.';
   if (facts.lost) return 'No connection to the vehicle.';
   if (facts.globalPosition === null || facts.globalPosition.stale) return 'The vehicle’s position is not known.';
@@ -162,7 +182,8 @@ export function whyNot(draft: Draft, facts: VehicleFacts, limits: Limits): strin
   if (draft.kind === 'go' && draft.place === null) return 'Click on the map, then choose “Go with speed or heading…”.';
   if (draft.kind === 'speed' && mode !== 'hold' && mode !== 'mission') return 'The speed can be changed in Hold and Mission. An orbit has its own speed.';
   const problem = FIELDS[draft.kind].map((field) => fieldProblem(draft, field, limits)).find((each) => each !== null);
-  return problem ?? null;
+  if (problem !== undefined || draft.kind !== 'follow') return problem ?? null;
+  return whyNotFollow(followingOf(draft), facts, leader);
 }
 
 /** The limit of the geofence around home; null: none, not known, or the geofence does nothing. */
@@ -197,8 +218,8 @@ function climbTime_s(climb_m: number, limits: Limits): number | null {
   return speed_m_s === null || speed_m_s <= 0 ? null : Math.abs(climb_m) / speed_m_s;
 }
 
-/** What the vehicle does with the command, as sentences with numbers. */
-export function effectText(draft: Draft, facts: VehicleFacts, limits: Limits): string {
+/** What the vehicle does with the command, as sentences with numbers. @param leader the vehicle to follow */
+export function effectText(draft: Draft, facts: VehicleFacts, limits: Limits, leader: VehicleFacts | null = null): string {
   const position = facts.globalPosition?.value;
   const at = placeOf(draft, facts);
   if (position === undefined || at === null) return '';
@@ -235,6 +256,8 @@ export function effectText(draft: Draft, facts: VehicleFacts, limits: Limits): s
       const approach_m = Math.abs(away_m - radius_m);
       return `Flies ${distanceText(approach_m)} to a circle of ${shortText('length', radius_m)} radius at ${heightText(alt_m)} above home, and circles ${draft.clockwise ? 'clockwise' : 'counter-clockwise'} at ${shortText('speed', speed_m_s)}, ${seconds(round_s)} a round, until another command.${leaves}${stream}`;
     }
+    case 'follow':
+      return leader === null ? '' : `${followText(followingOf(draft), facts, leader)}${leaves}`;
     case 'home':
       return homeText(draft, facts, limits, at);
   }
@@ -350,13 +373,15 @@ export interface Progress {
   readonly ended: boolean;
 }
 
-/** How far an accepted command has been carried out. */
-export function progressOf({ draft, at }: Accepted, facts: VehicleFacts): Progress {
+/** How far an accepted command has been carried out. @param leader the vehicle that is followed */
+export function progressOf({ draft, at }: Accepted, facts: VehicleFacts, leader: VehicleFacts | null = null): Progress {
   const position = facts.globalPosition?.value;
   const mode = facts.status?.value.mode ?? '';
   const label = facts.status?.value.mode_label ?? UNKNOWN;
   if (position === undefined) return { text: 'The vehicle’s position is not known.', ended: false };
   switch (draft.kind) {
+    case 'follow':
+      return followProgress(facts, leader, leader?.name ?? draft.leader);
     case 'home':
       return { text: 'Home is set.', ended: true };
     case 'heading':

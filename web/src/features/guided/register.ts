@@ -25,7 +25,7 @@ registry.addKeys([
   {
     order: 45,
     keys: 'B',
-    description: 'Guide: altitude, heading, speed, orbit, home',
+    description: 'Guide: altitude, heading, speed, orbit, follow, home',
     inScene: true,
     handlers: { b: (facts) => facts !== null && registry.toggle('guided', facts) },
   },
