@@ -62,10 +62,15 @@ def _press_tab_for_a_round(page: Page, tab_key: str) -> None:
     pytest.fail(f"{MAX_TAB_PRESSES} presses of {tab_key} do not complete a round")
 
 
-def views_and_panels(page: Page) -> list[tuple[str, Callable[[], None]]]:
-    """Name of each view and panel, and a function that opens it by keyboard."""
+def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple[str, Callable[[], None]]]:
+    """Name of each view and panel, and a function that opens it by keyboard.
 
-    input_selector = page.get_by_label("Setpoint input")
+    Args:
+        page: the page.
+        text: the page's text for an English one.
+    """
+
+    input_selector = page.get_by_label(text("Setpoint input"))
 
     def open_offboard_view() -> None:
         if not input_selector.is_visible():
@@ -75,22 +80,22 @@ def views_and_panels(page: Page) -> list[tuple[str, Callable[[], None]]]:
     def input_opener(name: str) -> Callable[[], None]:
         def open_input() -> None:
             open_offboard_view()
-            input_selector.get_by_role("radio", name=name, exact=True).focus()
+            input_selector.get_by_role("radio", name=text(name), exact=True).focus()
             page.keyboard.press("Enter")
 
         return open_input
 
     def open_flights() -> None:
-        page.get_by_role("button", name="Recorded flights", exact=True).focus()
+        page.get_by_role("button", name=text("Recorded flights"), exact=True).focus()
         page.keyboard.press("Enter")
-        flights = page.get_by_role("region", name="Recorded flights")
-        flights.get_by_role("list").or_(flights.get_by_text("No recordings yet")).first.wait_for()
+        flights = page.get_by_role("region", name=text("Recorded flights"))
+        flights.get_by_role("list").or_(flights.get_by_text(text("No recordings yet"))).first.wait_for()
 
     def open_point_menu() -> None:
-        point_menu = page.get_by_role("dialog", name="At this position")
+        point_menu = page.get_by_role("dialog", name=text("At this position"))
 
         def is_open() -> bool:
-            page.get_by_role("application", name="Map from above").focus()
+            page.get_by_role("application", name=text("Map from above")).focus()
             page.keyboard.press("Shift+ArrowUp")  # moves the crosshair away from the vehicle
             page.keyboard.press("Enter")
             return point_menu.is_visible()

@@ -3,6 +3,7 @@
 import createClient, { type Client, type ClientPathsWithMethod, type MaybeOptionalInit, type MethodResponse } from 'openapi-fetch';
 import { parseProblem, unreachableProblem, type Problem } from './problems';
 import type { paths } from './schema';
+import { inPageLanguage } from './server-text';
 
 export type Outcome<T> = { ok: true; value: T } | { ok: false; problem: Problem };
 
@@ -80,7 +81,9 @@ export class ApiClient {
     try {
       const { data, error, response } = await this.http.request(method, path as never, init as never);
       if (response.status === 401) this.onSignedOut();
-      return response.ok ? { ok: true, value: read(data, response) } : { ok: false, problem: parseProblem(response.status, error) };
+      return response.ok
+        ? { ok: true, value: read(inPageLanguage(data), response) }
+        : { ok: false, problem: parseProblem(response.status, inPageLanguage(error)) };
     } catch {
       return { ok: false, problem: unreachableProblem() };
     }

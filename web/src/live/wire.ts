@@ -1,6 +1,7 @@
 /** Frames of the telemetry socket, and their validation. */
 
 import type { components } from '../api/schema';
+import { inPageLanguage } from '../api/server-text';
 
 export const SCHEMA_VERSION = 1;
 
@@ -72,7 +73,7 @@ function isReplay(value: unknown): value is Replay {
 export function parseFrame(data: string): Frame | null {
   let raw: unknown;
   try {
-    raw = JSON.parse(data);
+    raw = inPageLanguage<unknown>(JSON.parse(data));
   } catch {
     return null;
   }

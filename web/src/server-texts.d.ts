@@ -1,0 +1,4 @@
+declare module 'virtual:server-texts' {
+  const entries: readonly (readonly [string, string])[];
+  export default entries;
+}
