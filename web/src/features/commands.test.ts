@@ -47,6 +47,7 @@ const { guided } = await import('./guided/controllers');
 const { modeMenu } = await import('./modes/controllers');
 const { modeGroups } = await import('./modes/mode-texts');
 const { replay, vehicleLogs } = await import('./replay/controllers');
+const { linkList } = await import('./status/controllers');
 
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
 provide('gimbal', gimbalControl);
@@ -759,6 +760,47 @@ describe('a save', () => {
       ['POST', '/plans', undefined],
       ['PUT', '/plans/p1', 2],
     ]);
+  });
+});
+
+describe('a link', () => {
+  const CONFIRM = 'link field closes, vehicle 1 in flight loses its last link';
+  const sent = () => server.requests.filter(isCommand);
+  it('is added once, and that of a vehicle in flight is removed only after the confirmation that says so', async () => {
+    await reset();
+    void linkList.add(' udpin://0.0.0.0:14550 ', '');
+    void linkList.add('udpin://0.0.0.0:14550', '');
+    await settle();
+    expect(sent().map(({ body }) => body)).toEqual([{ url: 'udpin://0.0.0.0:14550', name: null }]);
+    while (server.open.length > 0) {
+      for (const request of server.open) answer(request, false);
+      await settle();
+    }
+    void linkList.remove('field');
+    await settle();
+    const detail = "Vehicle 1 is armed or flown by setpoints, and link 'field' is its last link. The link stays open.";
+    sent()
+      .at(-1)
+      ?.answer(Response.json({ code: 'refused', detail, remedy: `To close it anyway, send confirm='${CONFIRM}'.` }, { status: 409 }));
+    while (server.open.length > 0) {
+      await settle();
+      for (const request of server.open) answer(request, false);
+    }
+    await settle();
+    expect([linkList.confirmation?.detail, linkList.problem]).toEqual([detail, null]);
+    void linkList.confirmed();
+    await settle();
+    expect(sent().map(({ method, path }) => `${method} ${decodeURIComponent(path).replaceAll('+', ' ')}`)).toEqual([
+      'POST /links',
+      'DELETE /links/field',
+      `DELETE /links/field?confirm=${CONFIRM}`,
+    ]);
+    for (const { method, path } of sent()) seenPaths.add(`${method} ${path}`);
+    sent()
+      .at(-1)
+      ?.answer(new Response(null, { status: 204 }));
+    await settle();
+    expect(linkList.confirmation).toBeNull();
   });
 });
 

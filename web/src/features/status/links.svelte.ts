@@ -23,14 +23,18 @@ class Links {
 
   poll(api: ApiClient): void {
     const request = async (): Promise<void> => {
-      const [links, warnings] = await Promise.all([api.get('/links'), api.get('/warnings')]);
-      this.isKnown = links.ok && warnings.ok;
-      this.list = links.ok ? (links.value.links ?? []) : [];
-      this.notices = warnings.ok ? (warnings.value.warnings ?? []) : [];
+      await this.read(api);
       this.measureRateAndLoss();
       setTimeout(() => void request(), POLL_INTERVAL_MS);
     };
     void request();
+  }
+
+  async read(api: ApiClient): Promise<void> {
+    const [links, warnings] = await Promise.all([api.get('/links'), api.get('/warnings')]);
+    this.isKnown = links.ok && warnings.ok;
+    this.list = links.ok ? (links.value.links ?? []) : [];
+    this.notices = warnings.ok ? (warnings.value.warnings ?? []) : [];
   }
 
   private measureRateAndLoss(): void {
