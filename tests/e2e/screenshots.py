@@ -286,8 +286,8 @@ def connection_lost(setup: PictureSetup) -> None:
 def replay(setup: PictureSetup) -> None:
     """A replay of the previous flight, opened from the list, at 30 % of its duration."""
     page = setup.page
-    page.get_by_role("button", name="Recorded flights").click()
-    page.locator("section.list ol button").first.click()
+    page.get_by_role("button", name="Flights", exact=True).click()
+    page.get_by_role("button", name="Replay", exact=True).first.click()
     slider = page.get_by_label("Replay", exact=True).get_by_role("slider").first
     box = bounding_box(slider)
     page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2)

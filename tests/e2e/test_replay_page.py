@@ -132,8 +132,8 @@ def test_a_replay_shows_the_values_of_the_log(
 ) -> None:
     log = DecodedLog(reference_data / "px4" / "tlogs" / RECORDING)
     with open_page(browser, server_url, scene=False) as page:
-        page.get_by_role("button", name="Recorded flights").click()
-        flights = page.get_by_role("region", name="Recorded flights")
+        page.get_by_role("button", name="Flights", exact=True).click()
+        flights = page.get_by_role("region", name="Flights", exact=True)
         invalid_file = flights.get_by_role("listitem").filter(has_text="letter.tlog")
         expect(invalid_file).to_contain_text("not a telemetry log")
         expect(invalid_file.get_by_role("button", name="Replay")).to_be_disabled()
@@ -190,13 +190,16 @@ def test_a_log_of_the_vehicle_is_listed_downloaded_and_saved(browser: Browser) -
         running_vehicles(link_port),
         open_page(browser, url, scene=False) as page,
     ):
-        page.get_by_role("button", name="Recorded flights").click()
+        page.get_by_role("button", name="Flights", exact=True).click()
         logs = page.get_by_role("region", name="Logs on")
         logs.get_by_role("button", name="List logs").click()
         logs.get_by_role("button", name="Download").click()
         save = logs.get_by_role("link", name=re.compile(r"^Save .*\.ulg$"))
         expect(save).to_be_visible(timeout=30_000)
         assert serious_violations(page) == []
+        logs.get_by_role("button", name="Open").click()
+        expect(page.get_by_role("group", name="Fields of the log")).to_contain_text("vehicle_attitude")
+        page.get_by_role("button", name="Back to the list of flights").click()
         with page.expect_download() as download:
             save.click()
         assert download.value.path().read_bytes()[:7] == b"ULog\x01\x12\x35"

@@ -86,10 +86,9 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         return open_input
 
     def open_flights() -> None:
-        page.get_by_role("button", name=text("Recorded flights"), exact=True).focus()
-        page.keyboard.press("Enter")
-        flights = page.get_by_role("region", name=text("Recorded flights"))
-        flights.get_by_role("list").or_(flights.get_by_text(text("No recordings yet"))).first.wait_for()
+        page.keyboard.press("Shift+E")
+        flights = page.get_by_role("region", name=text("Flights"), exact=True)
+        flights.get_by_role("list").or_(flights.get_by_text(text("No flights yet"))).first.wait_for()
 
     def open_point_menu() -> None:
         point_menu = page.get_by_role("dialog", name=text("At this position"))
@@ -112,10 +111,10 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
     return [
         ("fly", lambda: None),
         *((name, key_presser(character)) for name, character in keys.items()),
-        ("flights", open_flights),
         ("map point menu", open_point_menu),
         ("view: vehicle", key_presser("Shift+V")),
         ("view: plan", key_presser("w")),
+        ("view: flights", open_flights),
         ("view: offboard", open_offboard_view),
         *inputs,
     ]

@@ -4,6 +4,7 @@
  */
 
 import type { Outcome } from '../api/client';
+import type { Problem } from '../api/problems';
 import type { components } from '../api/schema';
 import type { StreamStart } from '../vehicle/setpoint';
 import type { GeoPosition } from '../vehicle/geo';
@@ -19,6 +20,14 @@ export interface Services {
   offboard: {
     /** Starts the stream with the given setpoint; null: with the vehicle's position. */
     start: (facts: VehicleFacts, streamStart: StreamStart | null) => Promise<Outcome<unknown>>;
+  };
+  replay: {
+    /** Replays a recording of the server; the Fly view then shows it. */
+    open: (recording: string) => Promise<void>;
+    /** Name of the recording that is being opened. */
+    openingName: () => string | null;
+    /** Why the last recording could not be opened. */
+    problem: () => Problem | null;
   };
   guided: {
     /** Opens the form of a guided command at a position on the map. */

@@ -46,7 +46,8 @@ const { groundSources, mapPointMenu, mapSources } = await import('./stage/contro
 const { guided } = await import('./guided/controllers');
 const { modeMenu } = await import('./modes/controllers');
 const { modeGroups } = await import('./modes/mode-texts');
-const { replay, vehicleLogs } = await import('./replay/controllers');
+const { replay } = await import('./replay/controllers');
+const { library: flights, vehicleLogs } = await import('./flights/controllers');
 const { linkList } = await import('./status/controllers');
 
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
@@ -359,6 +360,8 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
       return mapSources.save('Field');
     },
   },
+  'add a log': { vehicles: [], click: () => flights.add(new File(['ULog'], 'a.ulg')) },
+  'delete a flight': { vehicles: [], click: () => flights.delete('f1') },
   'open a replay': { vehicles: [], click: () => replay.open('flight.tlog') },
   'close a replay': {
     vehicles: [],
@@ -479,6 +482,8 @@ function answer(request: SentRequest, refuse: boolean): void {
     results: [],
     maps: [],
     unreadable: [],
+    part_bytes: 1000,
+    flight: 'f1',
   };
   request.answer(refuse ? Response.json({ code: 'rejected', detail: 'Refused.' }, { status: 409 }) : Response.json(accepted));
 }

@@ -138,6 +138,13 @@ export function timeOfDay(unix_s: number): string {
   return [date.getHours(), date.getMinutes(), date.getSeconds()].map((n) => String(n).padStart(2, '0')).join(':');
 }
 
+/** Date and time of day in this computer's time zone: 2026-07-11 14:02:31. */
+export function dateTime(unix_s: number): string {
+  const d = new Date(unix_s * 1000);
+  const twoDigits = (n: number): string => String(n).padStart(2, '0');
+  return `${d.getFullYear()}-${twoDigits(d.getMonth() + 1)}-${twoDigits(d.getDate())} ${timeOfDay(unix_s)}`;
+}
+
 export function toDeg(value_rad: number | null | undefined): number | null {
   return isKnown(value_rad) ? value_rad * DEG_PER_RAD : null;
 }

@@ -1,9 +1,7 @@
 /** The page's only instances. */
 
 import { page } from '../../app/page.svelte';
-import { registry } from '../../app/registry.svelte';
-import { commandGate } from '../../app/vehicle-actions.svelte';
-import { VehicleLogs } from './logs.svelte';
+import { rooms } from '../../app/registry.svelte';
 import { ReplayControl } from './replay.svelte';
 
 export const replay = new ReplayControl({
@@ -11,7 +9,5 @@ export const replay = new ReplayControl({
   replays: () => page.eachRepaint(() => page.store.replays),
   selectedId: () => page.selectedId,
   select: (id) => page.select(id),
-  onOpened: () => registry.close('recordings'),
+  onOpened: () => rooms.open('fly'),
 });
-
-export const vehicleLogs = new VehicleLogs(commandGate);

@@ -1,12 +1,12 @@
 /**
- * State and control of replays: the list of recordings, the shown replay and its commands. The page sends one request at a
+ * State and control of replays: the shown replay and its commands. The page sends one request at a
  * time and merges the commands that a person gives during a request into the next request.
  */
 
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { Replay } from '../../live/wire';
-import { replayBounds, hasArrived, replayToShow, type Recording, type RecordingIndex } from './replays';
+import { replayBounds, hasArrived, replayToShow, type RecordingIndex } from './replays';
 
 /**
  * A seek times out when this time [ms] has passed since the server's response and the page has processed this number of frames
@@ -38,7 +38,6 @@ export interface ReplayDeps {
 export class ReplayControl {
   /** A person has opened a replay: the time bar must take the keyboard focus. The time bar then resets this flag. */
   focusRequested = $state(false);
-  recordings = $state.raw<readonly Recording[] | null>(null);
   /** Name of the recording that is being opened. */
   openingName = $state<string | null>(null);
   problem = $state.raw<Problem | null>(null);
@@ -61,12 +60,6 @@ export class ReplayControl {
 
   get shownReplay(): Replay | null {
     return replayToShow(this.deps.replays(), this.deps.selectedId(), this.expectedName);
-  }
-
-  async loadList(): Promise<void> {
-    const response = await this.deps.api.get('/recordings');
-    if (response.ok) this.recordings = response.value.recordings;
-    this.problem = response.ok ? null : response.problem;
   }
 
   async open(recording: string): Promise<void> {

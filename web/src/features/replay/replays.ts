@@ -2,10 +2,8 @@
 
 import type { components } from '../../api/schema';
 import type { Replay } from '../../live/wire';
-import { durationText, sizeText, timeOfDay } from '../../ui/format';
 
 type Schemas = components['schemas'];
-export type Recording = Schemas['RecordedFlight'];
 export type RecordingIndex = Schemas['RecordingIndex'];
 export type VehicleMarks = RecordingIndex['vehicles'][number];
 type MessageMark = VehicleMarks['messages'][number];
@@ -125,23 +123,6 @@ export function timeAfterKey(key: string, shift: boolean, at_s: number, begin_s:
     default:
       return null;
   }
-}
-
-/** Date and time of day in this computer's time zone: 2026-07-11 14:02:31. */
-export function dateTime(unix_s: number): string {
-  const d = new Date(unix_s * 1000);
-  const twoDigits = (n: number): string => String(n).padStart(2, '0');
-  return `${d.getFullYear()}-${twoDigits(d.getMonth() + 1)}-${twoDigits(d.getDate())} ${timeOfDay(unix_s)}`;
-}
-
-function vehicleText(vehicles: readonly number[]): string {
-  if (vehicles.length === 0) return 'no vehicle in the first minute of the recording';
-  return `${vehicles.length === 1 ? 'vehicle' : 'vehicles'} ${vehicles.join(', ')}`;
-}
-
-/** Duration, vehicles, size and link of a recording in one line. */
-export function recordingText(r: Recording): string {
-  return [durationText(r.duration_s), vehicleText(r.vehicles), sizeText(r.bytes), r.link ?? r.name].join(' · ');
 }
 
 /** The replay of the selected vehicle, or else the expected replay; if no vehicle is selected, also a replay without a vehicle. */

@@ -1,0 +1,77 @@
+"""The page adds a log, plots it, moves its cursor by a message, and deletes it."""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.e2e.browser import open_page, serious_violations
+from tests.station import free_port, is_up, running_process, server_command, wait_until
+from tests.unit.gcs_server.logbook.generated_ulogs import ulog
+
+pytestmark = pytest.mark.browser
+
+PLOTTED = """
+() => [...document.querySelectorAll('.uplot canvas')].map((canvas) => {
+  const { width, height } = canvas;
+  const pixels = new Uint32Array(canvas.getContext('2d').getImageData(0, 0, width, height).data.buffer);
+  return new Set(pixels).size;
+})
+"""
+"""Number of colours of each plot."""
+
+
+@pytest.fixture
+def server_url(tmp_path: Path) -> Iterator[str]:
+    port = free_port(socket.SOCK_STREAM)
+    command = server_command(port, [f"udpin://127.0.0.1:{free_port()}"], tmp_path / "data")
+    with running_process([*command, "--no-scene"]):
+        wait_until(lambda: is_up(f"http://127.0.0.1:{port}"), "the server's start")
+        yield f"http://127.0.0.1:{port}"
+
+
+def choose_field(page: Page, words: str, name: str) -> None:
+    page.get_by_label("Search fields").fill(words)
+    page.get_by_role("group", name="Fields of the log").get_by_role("button", name=name).first.click()
+
+
+def test_a_log_is_added_plotted_and_deleted(browser: Browser, server_url: str, tmp_path: Path) -> None:
+    (tmp_path / "flight.ulg").write_bytes(ulog(steps=300))
+    (tmp_path / "letter.ulg").write_bytes(b"This is no log. " * 99)
+    with open_page(browser, server_url, scene=False) as page:
+        page.keyboard.press("Shift+E")
+        flights = page.get_by_role("region", name="Flights", exact=True)
+        expect(flights).to_contain_text("No flights yet")
+        flights.get_by_label("Add a log").set_input_files(tmp_path / "flight.ulg")
+        choose_field(page, "all_types float", "float_value")
+        pane = page.get_by_role("region", name="Pane 1")
+        expect(pane).to_contain_text("all_types float_value")
+        wait_until(lambda: page.evaluate(PLOTTED)[0] > 10, "the plot")
+        page.get_by_role("button", name="Add a pane").click()
+        choose_field(page, "all_types double", "double_value")
+        expect(page.get_by_role("region", name="Pane 2")).to_contain_text("double_value")
+        page.get_by_role("radio", name="Messages").click()
+        page.get_by_role("button", name=re.compile("Low battery")).click()
+        slider = page.get_by_role("slider", name="Time in the log")
+        expect(slider).to_have_attribute("aria-valuetext", re.compile(r"^6\.00 s"))
+        expect(pane.locator("b")).to_have_text(re.compile(r"^−0\.279"))  # sin(6.0)
+        slider.focus()
+        page.keyboard.press("ArrowRight")
+        expect(slider).not_to_have_attribute("aria-valuetext", re.compile(r"^6\.00 s"))
+        page.get_by_role("toolbar", name="Window of time").get_by_role("button", name="Zoom in").click()
+        page.get_by_role("button", name="Whole flight").click()
+        expect(page.get_by_role("button", name="Whole flight")).to_be_disabled()
+        page.get_by_role("radio", name="Parameters").click()
+        expect(page.get_by_role("group", name="Parameters of the log")).to_contain_text("MPC_XY_VEL_MAX = 5")
+        assert serious_violations(page) == []
+
+        page.keyboard.press("Escape")
+        row = flights.get_by_role("listitem").filter(has_text="vehicle 7")
+        row.get_by_role("button", name="Delete flight.ulg").click()
+        row.get_by_role("button", name="Delete", exact=True).click()
+        expect(row).to_have_count(0)
