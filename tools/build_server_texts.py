@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import itertools
+import json
 import re
 import sys
 from collections.abc import Iterator
@@ -19,6 +20,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LOCALES = ROOT / "web" / "locales"
 LANGUAGES = ("de",)
+TITLES = ROOT / "vehicle_sim" / "data" / "parameter_titles.json"
+"""What parameters are for, in the words of the simulated vehicle."""
 
 AREAS: tuple[tuple[str, re.Pattern[str]], ...] = (
     ("server-missions", re.compile(r"missions/")),
@@ -34,8 +37,8 @@ SILENT_FILES = re.compile(
 """Command lines, the Python client, descriptions of the API: nothing of them is shown on the page."""
 SILENT_CALLS = re.compile(
     r"Field|Query|Path|Body|Header|compile|add_argument|debug|info|warning|exception|"
-    r"critical|log|get|pop|setdefault|startswith|endswith|split|rsplit|removeprefix|"
-    r"removesuffix|replace|index|find|partition|encode|getattr|hasattr|setattr|TypeVar|"
+    r"critical|log|startswith|endswith|split|rsplit|removeprefix|"
+    r"removesuffix|replace|index|find|partition|encode|hasattr|setattr|TypeVar|"
     r"Literal|NewType|struct|Struct|unpack|pack|AssertionError|SystemExit|RuntimeError|"
     r"TypeError|IndexError|KeyError|Thread|Event|create_task|APIRouter|strftime|"
     r"isinstance|cast|open|getLogger|print|MAVError|WebSocketException"
@@ -47,7 +50,7 @@ SILENT_KEYWORDS = re.compile(
 MAX_VARIANTS = 8
 WORD = re.compile(r"[^\W\d_][a-z’']")
 MACHINE = re.compile(
-    r"^[\w./-]*[/_=][\w./=-]*$|^[A-Z][A-Z0-9_]+$|^</?\w|^(GET|POST|PUT|DELETE|WS) /|^--|^/\?|://|%s|; Secure|"
+    r"^[\w./-]*[/_=][\w./=-]*$|^[A-Z][A-Z0-9_]+$|^</?\w|^(GET|POST|PUT|DELETE|WS) /|^--|^/\?|^\S*://\S*$|%s|; Secure|"
     r"Path=/|^(CREATE|PRAGMA|SELECT|INSERT|UPDATE|DROP|ALTER|BEGIN|VACUUM|ATTACH|WITH) |"
     r"^\{\d+\}[\s:.,;/–-]*$|^[a-z0-9-]+\.[a-z]+$"
 )
@@ -137,7 +140,7 @@ class Texts(ast.NodeVisitor):
         self.visit(node.func)
         if SILENT_CALLS.fullmatch(name):
             return
-        for argument in node.args:
+        for argument in node.args[1 if name in ("get", "pop", "setdefault", "getattr") else 0 :]:
             self.visit(argument)
         for keyword in node.keywords:
             if SILENT_KEYWORDS.fullmatch(keyword.arg or ""):
@@ -206,6 +209,8 @@ def collect() -> dict[str, dict[str, list[str]]]:
         area = next(name for name, paths in AREAS if paths.match(file))
         for text in sorted(texts.found, key=lambda text: texts.found[text]):
             areas[home.setdefault(text, area)].setdefault(text, []).append(file)
+    titles = json.loads(TITLES.read_text("utf-8"))
+    areas["server-parameters"] = {title: [TITLES.relative_to(ROOT).as_posix()] for title in titles.values()}
     return areas
 
 

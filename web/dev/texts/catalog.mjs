@@ -86,6 +86,12 @@ export function translations(language, { server = false } = {}) {
   return found;
 }
 
+/** Every sentence of the server that the catalogs of a language have. */
+export function serverSentences(language) {
+  const files = catalogFiles(language).filter((file) => SERVER.test(file.split('/').at(-1)));
+  return files.flatMap((file) => PO.parse(readFileSync(file, 'utf8')).items.map(({ msgid }) => msgid));
+}
+
 /** A catalog as text, with the translations that exist. */
 export function written(language, entries, existing) {
   const catalog = new PO();

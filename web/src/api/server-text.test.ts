@@ -22,6 +22,8 @@ describe('a sentence of the server', () => {
     ['Vehicle 3 is not armed. Arm it first.', 'Fahrzeug 3 ist nicht scharf. Erst scharfschalten.'],
     ['Vehicle 3 is not armed. Its maker says: xyz.', 'Fahrzeug 3 ist nicht scharf. Its maker says: xyz.'],
     ['Hold', 'Halten'],
+    ['row 2: no home position.', 'row 2: keine Home-Position.'],
+    ['field x: no home position (no fix).', 'field x: keine Home-Position (no fix).'],
   ])('%s', (english, german) => expect(TEXTS.text(english)).toBe(german));
 
   it('is shown as it is if it is not known, also if a template of few words would fit', () => {

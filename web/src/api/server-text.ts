@@ -21,7 +21,7 @@ const MAX_LENGTH = 2000;
 const MAX_DEPTH = 4;
 const MAX_KEPT = 2000;
 /** Letters that the fixed parts of a template have at least, unless its values are known. */
-const STRONG_LETTERS = 10;
+const STRONG_LETTERS = 8;
 /** Where texts are joined: sentences, and the parts of a list. */
 const SEPARATORS = [/(?<=[.!?…]) (?=\P{Ll})/u, /; /, /, | and /];
 
@@ -85,7 +85,10 @@ export class ServerTexts {
     const whole = this.whole.get(text) ?? this.fromTemplate(text, depth) ?? this.trimmed(text, depth);
     if (whole !== null) return whole;
     for (const [n, separator] of SEPARATORS.entries()) {
-      if (n > 0 && depth === 0) break; // a list is looked up only as a value of a sentence
+      if (n === 1) {
+        const placed = this.placed(text, depth);
+        if (placed !== null || depth === 0) return placed; // a list is looked up only as a value of a sentence
+      }
       const parts = text.split(separator);
       if (parts.length === 1) continue;
       const found = parts.map((part) => this.find(part, depth + 1));
@@ -98,6 +101,23 @@ export class ServerTexts {
     const inner = text.trim();
     const found = inner === text ? null : this.find(inner, depth + 1);
     return found === null ? null : text.replace(inner, () => found);
+  }
+
+  /** A reason after its place or before a detail: `row 2: the file was refused (empty).`; also the reason alone with its full stop. */
+  private placed(text: string, depth: number): string | null {
+    if (text.endsWith('.')) {
+      const stated = this.find(text.slice(0, -1), depth + 1);
+      if (stated !== null) return `${stated}.`;
+    }
+    const [, reason, detail] = /^(.*) \((.*)\)$/.exec(text) ?? [];
+    const found = reason === undefined ? null : this.find(reason, depth + 1);
+    if (found !== null) return `${found} (${this.find(detail ?? '', depth + 1) ?? detail})`;
+    for (let at = text.indexOf(': '); at > 0; at = text.indexOf(': ', at + 1)) {
+      const after = this.find(text.slice(at + 2), depth + 1);
+      const place = text.slice(0, at);
+      if (after !== null) return `${this.find(place, depth + 1) ?? place}: ${after}`;
+    }
+    return null;
   }
 
   private joined(text: string, separator: RegExp, parts: readonly string[], found: readonly (string | null)[]): string {
@@ -124,7 +144,7 @@ const TEXT_FIELDS = new Set(
   ),
 );
 /** Documents of persons, and what the vehicle has: sent back as they came. */
-const OWN_FIELDS = new Set(['document', 'plan', 'items', 'steps', 'params', 'settings', 'shell', 'log']);
+const OWN_FIELDS = new Set(['document', 'plan', 'items', 'steps', 'settings', 'shell', 'log']);
 
 /** An answer or a frame with its texts in the page's language. */
 export function withTexts<T>(data: T, texts: ServerTexts): T {

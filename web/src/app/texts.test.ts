@@ -1,9 +1,10 @@
 /** The texts that are translated, and those that must not be: a wrong one would break a control in another language. */
 
 import { describe, expect, it } from 'vitest';
-import { collect, readSources, translations } from '../../dev/texts/catalog.mjs';
+import { collect, readSources, serverSentences, translations } from '../../dev/texts/catalog.mjs';
 import { comparedIn, textsOf } from '../../dev/texts/find.mjs';
 import { holesOf, translated } from '../../dev/texts/translate.mjs';
+import { ServerTexts } from '../api/server-text';
 import { GERMAN_IS_COMPLETE } from './language';
 
 const found = (source: string, file = 'part.ts', compared = comparedIn(source, file)): string[] =>
@@ -116,6 +117,35 @@ describe('the German catalogs', () => {
   it.skipIf(!GERMAN_IS_COMPLETE)('have every text', () => {
     const missing = [...collect().areas.values()].flat().filter(({ text }) => !existing.has(text));
     expect(missing.map(({ text }) => text)).toEqual([]);
+  });
+
+  it.skipIf(!GERMAN_IS_COMPLETE)('have every sentence of the server', () => {
+    const known = translations('de', { server: true });
+    expect(serverSentences('de').filter((sentence) => !known.has(sentence))).toEqual([]);
+  });
+
+  it('have the sentences of refusals, findings, events and progress as the server writes them', () => {
+    const texts = new ServerTexts(serverSentences('de').map((sentence) => [sentence, sentence.replace(/\p{L}/gu, '·')]));
+    const english = [
+      'COM_OBL_RC_ACT must be one of 0 (Position mode), 1 (Altitude mode); not 77.',
+      "Dry run 3 has no corridor of the role 'lead'.",
+      'Fly climbs to 200 m above home; the geofence limit is 80 m.',
+      'Input: none. The gimbal takes no commands by MAVLink, from this page or from a program, because MNT_MODE_IN is 1.',
+      'Item 1 (gimbal pitch yaw) ends the mission; 4 later items may never be reached.',
+      'Item 2 (waypoint) is 200 m above home; the limit is 120 m. (16 times in this pattern)',
+      'Opening x: the vehicle’s file system'.replace('’', "'") + ' refused the request (Is a directory).',
+      'Reading a: error 175.',
+      'PX4 refuses item 2 (command 82, frame 2).',
+      'The flight takes 5 Wh (2 min), the battery provides 2 Wh with 20% in reserve.',
+      'The straight path home of item 4 (return home) goes 49 m below the ground.',
+      'The velocity (-900.0, 0.0, -9000.0) m/s is above the vehicle’s limits.'.replace('’', "'"),
+      'row 2: 3 values for 4 columns.',
+      'Vehicle 3 is not flying.',
+      'Downloading log 3 of vehicle 1.',
+      '1: connection lost',
+      'Check the ros2:// link, and that the vehicle is disarmed; then try again.',
+    ];
+    expect(english.filter((sentence) => texts.text(sentence) === sentence)).toEqual([]);
   });
 
   it('leave every source without a catalog as it is', () => {

@@ -1,5 +1,6 @@
 /** Says changes of the selected vehicle, and severe messages of all, by the browser's speech synthesis. Off until chosen. */
 
+import { readLanguage } from '../../app/language';
 import { page } from '../../app/page.svelte';
 import { userSettings } from '../../app/settings.svelte';
 import type { WireEvent } from '../../live/wire';
@@ -60,6 +61,7 @@ export class Voice {
       this.waiting = 0;
     }
     const utterance = new SpeechSynthesisUtterance(text);
+    utterance.lang = readLanguage(); // a voice of another language would not be understood
     const end = (): void => void (this.waiting = Math.max(0, this.waiting - 1));
     utterance.onend = end;
     utterance.onerror = end;
