@@ -38,9 +38,9 @@ export const isWord = (text) =>
 /** A name with a capital letter, which is shown unless it is compared somewhere: "Hold", "Battery". */
 export const isName = (text) => /^\p{Lu}\p{Ll}/u.test(text) && isWord(text);
 
-/** Properties of the scripts whose values are names for the machine: `{ type: 'Polygon' }`. */
+/** Properties of the scripts whose values are for the machine: `{ type: 'Polygon' }`, and all that is sent in a request. */
 export const isMachineProperty = (name) =>
-  /^(type|id|key|kind|icon|keys|mode|method|element|event|code|tone|filter|paint|layout|severity|state|unit|frame_id)$/.test(name ?? '');
+  /^(body|confirm|type|id|key|kind|icon|keys|mode|method|element|event|code|tone|filter|paint|layout|severity|state|unit|frame_id)$/.test(name ?? '');
 
 export const isShownAttribute = (name) => SHOWN_ATTRIBUTES.test(name);
 export const isShownName = (name) => name !== null && SHOWN_NAMES.test(name);

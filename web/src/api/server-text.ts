@@ -138,11 +138,28 @@ export class ServerTexts {
 }
 
 /** Fields of the server's answers and frames whose texts a person reads; none of them is compared or sent back. */
-const TEXT_FIELDS = new Set(
-  'text detail message remedy reason reasons why cause problem problems warning warnings notes note mode_label title hint unavailable refusal progress'.split(
-    ' ',
-  ),
-);
+const TEXT_FIELDS = new Set([
+  'text',
+  'detail',
+  'message',
+  'remedy',
+  'reason',
+  'reasons',
+  'why',
+  'cause',
+  'problem',
+  'problems',
+  'warning',
+  'warnings',
+  'notes',
+  'note',
+  'mode_label',
+  'title',
+  'hint',
+  'unavailable',
+  'refusal',
+  'progress',
+]);
 /** Documents of persons, and what the vehicle has: sent back as they came. */
 const OWN_FIELDS = new Set(['document', 'plan', 'items', 'steps', 'settings', 'shell', 'log']);
 

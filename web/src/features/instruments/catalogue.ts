@@ -4,6 +4,7 @@
  */
 
 import { unitText } from '../../ui/units';
+import { inSentence } from '../../app/language';
 import { FIELDS } from '../../api/fields';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { FlightClock } from '../../live/flight-time';
@@ -186,7 +187,7 @@ function labelInTopic(topic: string, kind: string, label: string): string {
   if (topic === 'wind' && kind === 'vector3') return 'Wind towards';
   if (topic === 'local_position' && label === 'Position') return 'Local';
   const prefix = topic.startsWith('target') ? 'Target' : PREFIX_LABELS[topic];
-  return prefix === undefined ? label : `${prefix} ${label.toLowerCase()}`;
+  return prefix === undefined ? label : `${prefix} ${inSentence(label)}`;
 }
 
 function topicQuantities(topic: string, fields: Readonly<Record<string, string>>): Quantity[] {

@@ -1,6 +1,7 @@
 /** Texts and numbers about a group, from the server's data. Pure functions. */
 
 import type { components } from '../../../api/schema';
+import { inSentence } from '../../../app/language';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import type { Identity } from '../../../live/vehicle-state';
 import { fixed, lengthText } from '../../../ui/format';
@@ -87,7 +88,7 @@ const STREAM_TEXTS: Readonly<Record<string, string>> = {
 export function memberLabel(member: Member, modeLabel: string | null, isStarting = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
   if (member.role !== null && !member.held) return { text: `${member.role} · ${mode}`, tone: 'dim' };
-  const stream = STREAM_TEXTS[member.stream] ?? setpointsText(member.ordered_type).toLowerCase();
+  const stream = STREAM_TEXTS[member.stream] ?? inSentence(setpointsText(member.ordered_type));
   if (isStarting && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
   if (member.held) return { text: member.mode === 'hold' ? 'in Hold' : `left the group · ${mode}`, tone: 'caution' };
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };

@@ -1,6 +1,7 @@
 /** Texts about a vehicle's available setpoint types, limits and failsafe, from the server's data. Pure functions. */
 
 import { decimalsIn, inUnit, shownText, unitText } from '../../../ui/units';
+import { inSentence } from '../../../app/language';
 import type { components } from '../../../api/schema';
 import { fixed } from '../../../ui/format';
 import { boundsOf, limitProblem, limitsOf, parseTyped, quantityOf, type Quantity } from '../../../vehicle/fields';
@@ -79,7 +80,7 @@ export function operatorLimitText(value: number | null | undefined, field: Limit
 export function limitsSummary(limits: OffboardLimits | null): string {
   if (limits === null) return 'not known yet';
   const parts = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
-    (f) => `${f.label.toLowerCase()} ${shownText(f.unit, operatorLimitText(limits.operator[f.name], f))} ${unitText(f.unit)}`,
+    (f) => `${inSentence(f.label)} ${shownText(f.unit, operatorLimitText(limits.operator[f.name], f))} ${unitText(f.unit)}`,
   );
   if (limits.operator.fence != null) parts.push('geofence');
   if (!limits.operator.obstacle_brake) parts.push('stop before obstacles: off');

@@ -385,11 +385,15 @@ export class PlanEditor implements LayerEditor {
  */
 export function placingText(part: PartToPlace, cornerCount: number, surface: 'map' | 'ground' = 'map'): string {
   if (part.type === 'item')
-    return part.kind === 'waypoint' ? `Click the ${surface} to add waypoints.` : `Click the ${surface} to place “${titleOf({ kind: part.kind })}”.`;
+    return part.kind === 'waypoint'
+      ? `Click ${surface === 'map' ? 'the map' : 'the ground'} to add waypoints.`
+      : `Click ${surface === 'map' ? 'the map' : 'the ground'} to place “${titleOf({ kind: part.kind })}”.`;
   if (part.type === 'step')
-    return part.kind === 'fly' ? `Click the ${surface} to add points to the trajectory.` : `Click the ${surface} to place “${stepKindTitle(part.kind)}”.`;
-  if (part.type === 'rally') return `Click the ${surface} to place the rally point.`;
-  if (part.type === 'circle') return `Click the ${surface} at the centre of the geofence circle.`;
+    return part.kind === 'fly'
+      ? `Click ${surface === 'map' ? 'the map' : 'the ground'} to add points to the trajectory.`
+      : `Click ${surface === 'map' ? 'the map' : 'the ground'} to place “${stepKindTitle(part.kind)}”.`;
+  if (part.type === 'rally') return `Click ${surface === 'map' ? 'the map' : 'the ground'} to place the rally point.`;
+  if (part.type === 'circle') return `Click ${surface === 'map' ? 'the map' : 'the ground'} at the centre of the geofence circle.`;
   return `Click the corners of ${AREA_TEXTS[part.use]}${cornerCount > 0 ? ` (${cornerCount} so far)` : ''}.`;
 }
 

@@ -4,6 +4,7 @@
  */
 
 import type { DryRunResult } from '../dry-run/dry-run.svelte';
+import { inSentence } from '../../../app/language';
 import { isSameStart, type GeoPosition } from '../../../vehicle/geo';
 import type { components } from '../../../api/schema';
 import type { Status } from '../../../live/topics';
@@ -157,7 +158,7 @@ export function interruptedText({ interrupted_item, count }: ResumeOffer, age: s
 /** Text about the path from the ground to the item. */
 function pathText({ item, title, altitude_m, altitude_reference, distance_m }: ResumeOffer): string {
   const distance = distance_m === null ? '' : `${distanceText(distance_m)} `;
-  return `Arms, climbs at its current position to ${heightText(altitude_m)} ${REFERENCE_TEXTS[altitude_reference]} and flies ${distance}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
+  return `Arms, climbs at its current position to ${heightText(altitude_m)} ${REFERENCE_TEXTS[altitude_reference]} and flies ${distance}straight to item ${item + 1} (${inSentence(title)}). It flies the rest of the mission from there.`;
 }
 
 /** @param acceptedTexts texts of the accepted errors. */

@@ -1,6 +1,7 @@
 /** An offboard mission in flight, as texts and numbers. Pure functions. */
 
 import type { ConfirmationTexts } from '../../../app/actions/actions';
+import { inSentence } from '../../../app/language';
 import type { components } from '../../../api/schema';
 import { durationText, lengthText } from '../../../ui/format';
 import { isSameStart, positionAt, type GeoPosition } from '../../../vehicle/geo';
@@ -44,7 +45,7 @@ export function stateLabel(flight: MissionFlight): { text: string; tone: 'ok' | 
 
 /** How the vehicle's last mission ended. */
 export function lastFlightText(flight: MissionFlight, vehicleName: string): string {
-  return `Last flight of “${flight.name}” by ${vehicleName}: ${STATE_TEXTS[flight.state].toLowerCase()}.`;
+  return `Last flight of “${flight.name}” by ${vehicleName}: ${inSentence(STATE_TEXTS[flight.state])}.`;
 }
 
 /** Text about who commands the vehicle during a mission; null: the flight mode has no executor, or the mission is over. */
