@@ -60,8 +60,11 @@ def _words() -> dict[str, str]:
 
 
 def german(text: str) -> str:
-    """A text of the page in German."""
-    return _words().get(text, text)
+    """A text of the page in German; of the beginning of a text, the German beginning up to `.`, `:` or a value."""
+    if text in _words():
+        return _words()[text]
+    longer = next((words for english, words in _words().items() if words and english.startswith(text)), text)
+    return re.split(r"[.:{]", longer)[0].strip()
 
 
 def choose_german(page: Page) -> None:
