@@ -60,7 +60,7 @@ def _words() -> dict[str, str]:
 
 
 def german(text: str) -> str:
-    """A text of the page in German; of the beginning of a text, the German beginning up to `.`, `:` or a value."""
+    """A text of the page in German; of the beginning of a text, its beginning up to `.`, `:` or a value."""
     if text in _words():
         return _words()[text]
     longer = next((words for english, words in _words().items() if words and english.startswith(text)), text)

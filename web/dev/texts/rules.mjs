@@ -2,7 +2,7 @@
 
 /** Attributes and component properties whose text a person reads. */
 const SHOWN_ATTRIBUTES =
-  /^(aria-label|aria-description|aria-valuetext|aria-roledescription|title|placeholder|alt|label|text|hint|note|caption|summary|empty|why|unavailable|reason|action|confirm|verb|description|explanation)$/;
+  /^(aria-label|aria-description|aria-valuetext|aria-roledescription|legend|closeHint|closeLabel|contentLabel|title|placeholder|alt|label|text|hint|note|caption|summary|empty|why|unavailable|reason|action|confirm|verb|description|explanation)$/;
 /** Properties and variables of the scripts of which one word alone is also shown: `{ label: 'Hold' }`. */
 const SHOWN_NAMES =
   /^(label|title|text|hint|note|caption|summary|description|explanation|words?|verb|tooltip|short|long)$|(Label|Title|Text|Hint|Words|Verb|Note)$|^(LABELS?|TITLES?|TEXTS?|HINTS?|WORDS?|NAMES?)$|_(LABELS?|TITLES?|TEXTS?|HINTS?|WORDS?|NAMES?)$/;

@@ -93,12 +93,12 @@ export function titleOf(flight: Flight): string {
   return flight.start_unix_s === null ? flight.name : dateTime(flight.start_unix_s);
 }
 
-const SOURCES: Readonly<Record<Flight['source'], string>> = { recording: 'recording', vehicle: 'log of the vehicle', file: 'added log' };
+const SOURCE_WORDS: Readonly<Record<Flight['source'], string>> = { recording: 'recording', vehicle: 'log of the vehicle', file: 'added log' };
 
 /** Vehicles, duration, kind and size of a flight in one line. */
 export function detailsOf(flight: Flight): string {
   const vehicles = flight.vehicles.length === 0 ? '' : `${flight.vehicles.length === 1 ? 'vehicle' : 'vehicles'} ${flight.vehicles.join(', ')}`;
-  const parts = [vehicles, flight.duration_s === null ? '' : durationText(flight.duration_s), SOURCES[flight.source], sizeText(flight.bytes)];
+  const parts = [vehicles, flight.duration_s === null ? '' : durationText(flight.duration_s), SOURCE_WORDS[flight.source], sizeText(flight.bytes)];
   return parts.filter((part) => part !== '').join(' · ');
 }
 

@@ -56,8 +56,8 @@ const UNITS: readonly [string, string, number, number][] = [
 /** Names of fields whose lengths and speeds are vertical. */
 const VERTICAL = /(^|_)(alt|climb|vertical|height)_/;
 const VERTICAL_QUANTITY: Readonly<Record<string, string>> = { length: 'height', speed: 'climb' };
-const AXES_NED = ['north', 'east', 'down'] as const;
-const AXES_FRD = ['roll', 'pitch', 'yaw'] as const;
+const NED_AXIS_WORDS = ['north', 'east', 'down'] as const;
+const FRD_AXIS_WORDS = ['roll', 'pitch', 'yaw'] as const;
 
 const GROUP_LABELS: Readonly<Record<string, string>> = {
   status: 'Vehicle',
@@ -196,7 +196,7 @@ function topicQuantities(topic: string, fields: Readonly<Record<string, string>>
     const { label } = fieldFormat(field);
     const defaultLabel = labelInTopic(topic, kind, label);
     if (kind === 'vector3') {
-      const axes = field.includes('_frd') ? AXES_FRD : AXES_NED;
+      const axes = field.includes('_frd') ? FRD_AXIS_WORDS : NED_AXIS_WORDS;
       return axes.map((axis, i) => fieldQuantity(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${defaultLabel} ${axis}`));
     }
     if (kind === 'list') {

@@ -141,7 +141,7 @@ export function formText(text: string): string {
   return text.replaceAll('minimum_separation_m', '“Minimum separation”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Valid for”');
 }
 
-const DIRECTIONS: readonly (readonly [string, string])[] = [
+const DIRECTION_WORDS: readonly (readonly [string, string])[] = [
   ['north', 'south'],
   ['east', 'west'],
   ['up', 'down'],
@@ -151,7 +151,7 @@ const DIRECTIONS: readonly (readonly [string, string])[] = [
 export function motionText(draft: Draft): string {
   const parts = typedVector(draft)
     .map((value, i) =>
-      Math.abs(value) < 0.05 ? null : `${joinedText(shown(axisUnit(draft.motion, i), Math.abs(value)))} ${DIRECTIONS[i]?.[value > 0 ? 0 : 1] ?? ''}`,
+      Math.abs(value) < 0.05 ? null : `${joinedText(shown(axisUnit(draft.motion, i), Math.abs(value)))} ${DIRECTION_WORDS[i]?.[value > 0 ? 0 : 1] ?? ''}`,
     )
     .filter((p) => p !== null);
   if (parts.length === 0) return draft.motion === 'move' ? 'hold their positions' : 'hover (zero velocity)';
