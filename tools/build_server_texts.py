@@ -50,8 +50,8 @@ SILENT_KEYWORDS = re.compile(
 MAX_VARIANTS = 8
 WORD = re.compile(r"[^\W\d_][a-z’']")
 MACHINE = re.compile(
-    r"^[\w./-]*[/_=][\w./=-]*$|^[A-Z][A-Z0-9_]+$|^</?\w|^(GET|POST|PUT|DELETE|WS) /|^--|^/\?|^\S*://\S*$|%s|; Secure|"
-    r"Path=/|^(CREATE|PRAGMA|SELECT|INSERT|UPDATE|DROP|ALTER|BEGIN|VACUUM|ATTACH|WITH) |"
+    r"^[\w./-]*[/_=][\w./=-]*$|^[A-Z][A-Z0-9_]+$|^</?\w|^(GET|POST|PUT|DELETE|WS) /|^--|^/\?|^\S*://\S*$|%s|"
+    r"; Secure|Path=/|^(CREATE|PRAGMA|SELECT|INSERT|UPDATE|DROP|ALTER|BEGIN|VACUUM|ATTACH|WITH) |"
     r"^\{\d+\}[\s:.,;/–-]*$|^[a-z0-9-]+\.[a-z]+$"
 )
 """Routes, options, addresses, SQL, formats of the log."""
