@@ -158,6 +158,14 @@ class ClientEvents:
         self._hub.publish(Event(0, kind, vehicle, self._clock.unix_s(), MAV_SEVERITY_DEBUG, text, data))
 
 
+def _elevation_sources(folder: DataFolder) -> MapSources:
+    return MapSources(Records(folder.elevation_sources), USUAL_ELEVATION, "elevation source")
+
+
+def _elevation_tiles(clock: Clock, folder: DataFolder) -> Tiles:
+    return Tiles(clock, folder.cache / "elevation_tiles", "elevation source", elevation_fault)
+
+
 class Server:
     """Builds all parts once the event loop runs, and stops them in reverse order."""
 
@@ -210,12 +218,8 @@ class Server:
             map_sources=MapSources(Records(folder.map_sources)),
             user_settings=UserSettings(Records(folder.user_settings), checked_settings),
             map_tiles=Tiles(clock, folder.cache / "map_tiles"),
-            elevation_sources=MapSources(
-                Records(folder.elevation_sources), USUAL_ELEVATION, "elevation source"
-            ),
-            elevation_tiles=Tiles(
-                clock, folder.cache / "elevation_tiles", "elevation source", elevation_fault
-            ),
+            elevation_sources=_elevation_sources(folder),
+            elevation_tiles=_elevation_tiles(clock, folder),
             ground_tiles=GroundTiles(clock, self.flights.plan_work, folder.cache / "ground_tiles"),
             logbook=self._logbook(settings, clock, folder, authority, replays),
             has_scene=self.scene is not None,
