@@ -24,5 +24,6 @@ export default defineConfig(({ mode }) => ({
       '/scene': { target: server, ws: true },
     },
   },
-  test: { include: ['src/**/*.test.ts'], environment: 'node' },
+  // A context for each file in one process: half the time of a process for each.
+  test: { include: ['src/**/*.test.ts'], environment: 'node', pool: 'vmThreads' },
 }));
