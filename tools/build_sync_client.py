@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
-MODULES = ("aio", "control", "mission", "offboard", "params", "plans", "vehicle")
+MODULES = ("aio", "control", "manual_control", "mission", "offboard", "params", "plans", "vehicle")
 TARGET = CLIENT / "blocking.py"
 CLASSES = (
     "Control", "DryRuns", "Gcs", "Gimbal", "Group", "LiveOffboard", "Mission", "MissionModes", "Offboard",
-    "OffboardMission", "Operations", "Params", "Plans", "Vehicle",
+    "OffboardMission", "Operations", "Params", "Plans", "Sticks", "Vehicle",
 )  # fmt: skip
 ROOT = "Gcs"
 """The class that programs instantiate; it owns the thread of the event loop."""
@@ -41,9 +41,10 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio, control, mission, offboard, params, plans, vehicle
+from gcs_server.client import aio, control, manual_control, mission, offboard, params, plans, vehicle
 from gcs_server.client.aio import Setpoints
 from gcs_server.client.control import OnControlLost
+from gcs_server.client.manual_control import MIDDLE
 from gcs_server.client.mission import TRANSFER_TIMEOUT_S
 from gcs_server.client.offboard import Response, SetpointCalls
 from gcs_server.client.plans import RUN_TIMEOUT_S, Plan

@@ -25,6 +25,7 @@ from gcs_server.client.blocking import (
     SyncOperations,
     SyncParams,
     SyncPlans,
+    SyncSticks,
     SyncVehicle,
 )
 from gcs_server.client.control import Control
@@ -39,6 +40,7 @@ from gcs_server.client.errors import (
     Unknown,
     Unreachable,
 )
+from gcs_server.client.manual_control import Sticks
 from gcs_server.client.mission import Mission, MissionModes, OffboardMission
 from gcs_server.client.offboard import LiveOffboard, Offboard
 from gcs_server.client.params import Params
@@ -65,6 +67,7 @@ __all__ = [
     "Params",
     "Plans",
     "Refused",
+    "Sticks",
     "SyncControl",
     "SyncDryRuns",
     "SyncGcs",
@@ -78,6 +81,7 @@ __all__ = [
     "SyncOperations",
     "SyncParams",
     "SyncPlans",
+    "SyncSticks",
     "SyncVehicle",
     "Timeout",
     "Unknown",

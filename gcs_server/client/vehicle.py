@@ -11,6 +11,7 @@ from websockets.asyncio.client import ClientConnection
 
 from gcs_server.client.control import Control, VehicleApi
 from gcs_server.client.errors import ApiError, Timeout, Unreachable
+from gcs_server.client.manual_control import Sticks, sticks_of
 from gcs_server.client.mission import Mission, MissionModes, OffboardMission
 from gcs_server.client.offboard import Offboard
 from gcs_server.client.params import Params
@@ -286,6 +287,23 @@ class Vehicle:
     async def restart(self) -> None:
         """Restarts the autopilot; refused while armed. PX4 in simulation refuses, too."""
         await self.request("POST", "/restart", {"confirm": f"vehicle {self.id} restarts"})
+
+    @asynccontextmanager
+    async def manual_control(self) -> AsyncGenerator[Sticks]:
+        """Flies by stick (MANUAL_CONTROL) in a mode such as Position; its sticks are centred but for the time
+        of a call of `fly`. At the end of the block sending stops, and the vehicle does what its parameters
+        select (`manual_control_rules`): select Hold before, and COM_RCL_EXCEPT for it to stay there.
+
+        Raises:
+            Refused: the vehicle ignores stick positions, or another client's are sent.
+        """
+        async with sticks_of(self) as sticks:
+            yield sticks
+
+    async def manual_control_rules(self) -> dict[str, Any]:
+        """`problem`: why the vehicle ignores stick positions (None: it does not); `loss`: what it does when
+        they stop."""
+        return (await self.request("GET", "/manual_control"))["rules"]
 
     async def shell(self, line: str, *, while_armed: bool = False, wait_s: float = 2.0) -> str:
         """Sends a line to the vehicle's console (PX4's shell); returns its output.

@@ -193,6 +193,12 @@ ALL: tuple[Command, ...] = (
         vehicles="the vehicle, every member of the group",
         acts="no",
     ),
+    _flight(
+        "manual_control",
+        "WS /vehicles/{v}/manual_control/stream",
+        "WS /vehicles/{v}/manual_control/stream sticks",
+        acts="no",
+    ),
     _flight("offboard/stop", "POST /vehicles/{v}/offboard/stop", acts="stops"),
     _flight("offboard/avoidance", "PUT /vehicles/{v}/offboard/avoidance", acts="no"),
     _flight(
@@ -350,6 +356,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/logs",
         "GET /vehicles/{v}/logs/{file}",
         "GET /vehicles/{v}/shell",
+        "GET /vehicles/{v}/manual_control",
         "GET /vehicles/{v}/params",
         "GET /vehicles/{v}/params/{name}",
         "GET /vehicles/{v}/param_changes",

@@ -37,6 +37,7 @@ from gcs_server.telemetry.wire import (
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet
 from gcs_server.vehicle.samples import TOPICS
+from gcs_server.vehicle.services.manual_control import ManualControlService
 from gcs_server.vehicle.services.shell import ShellService
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -60,6 +61,7 @@ PERIODS_S = {
     "components": IDENTITY_PERIOD_S,
     "reach": CONTROL_PERIOD_S,
     "control": CONTROL_PERIOD_S,
+    "manual_control": OFFBOARD_PERIOD_S,
     "ros2_topics": ROS2_TOPICS_PERIOD_S,
     "shell": SHELL_PERIOD_S,
 }
@@ -174,6 +176,8 @@ class EncodedSamples:
             return self.inspect(vehicle)
         if topic == "shell":
             return vehicle.service(ShellService).newest()
+        if topic == "manual_control":
+            return None if vehicle.identity.replayed else vehicle.service(ManualControlService).status()
         if topic == "identity":
             return vehicle.identity
         if topic == "components":

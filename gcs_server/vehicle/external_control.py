@@ -5,6 +5,7 @@ ground station takes its gimbal. The server reports external control and never i
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol, TypeVar
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.tables import LAYOUTS
@@ -20,9 +21,17 @@ from gcs_server.vehicle.mode_cause import (
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Health
 from gcs_server.vehicle.services.command import CommandService
+from gcs_server.vehicle.services.manual_control import ManualControlService
 from gcs_server.vehicle.services.port import VehiclePort
 
+S = TypeVar("S")
 _ack = LAYOUTS[d.MAVLINK_MSG_ID_COMMAND_ACK]
+
+
+class ObservedVehicle(VehiclePort, Protocol):
+    """The vehicle as this module uses it."""
+
+    def service(self, kind: type[S]) -> S: ...
 
 
 class ExternalControl:
@@ -37,7 +46,7 @@ class ExternalControl:
 
     def __init__(
         self,
-        vehicle: VehiclePort,
+        vehicle: ObservedVehicle,
         command: CommandService,
         stream_request: Callable[[], str | None],
         plan_returns: Callable[[], bool],
@@ -77,6 +86,7 @@ class ExternalControl:
             requested=requested,
             foreign=self._foreign_ack,
             has_transmitter=self._has_transmitter(),
+            stick_client=vehicle.service(ManualControlService).status().by,
             was_failsafe=was_failsafe,
             plan_returns=self._plan_returns,
             now_s=vehicle.clock.monotonic_s(),

@@ -74,6 +74,7 @@ def cause_of(
     requested: tuple[str, str | None] | None,
     foreign: ForeignAck | None,
     has_transmitter: bool,
+    stick_client: str | None,
     was_failsafe: bool,
     plan_returns: Callable[[], bool],
     now_s: float,
@@ -87,6 +88,7 @@ def cause_of(
         requested: (command, client) of this server's newest command for this mode.
         foreign: newest acknowledgement to another station.
         has_transmitter: whether an RC transmitter is connected.
+        stick_client: the client whose stick positions this server sends; None: nobody's.
         was_failsafe: whether a failsafe selected the mode before the change.
         plan_returns: whether the plan on the vehicle is at its own Return.
         now_s: current time [s, monotonic].
@@ -107,6 +109,8 @@ def cause_of(
         return ModeCause("vehicle", None, "the vehicle itself", unix_s)
     if old == "mission" and new == "rtl" and plan_returns():
         return ModeCause("vehicle", None, "the plan", unix_s)
+    if new in PILOT_MODES and stick_client is not None:
+        return ModeCause("pilot", stick_client, f"the sticks of {stick_client}", unix_s)
     if new in PILOT_MODES and has_transmitter:
         return ModeCause("pilot", None, "the RC pilot", unix_s)
     return ModeCause(

@@ -15,7 +15,9 @@ from typing import Final, Literal, get_args
 from gcs_server.errors import Refused
 from gcs_server.vehicle.endpoint import MAVLINK, NO_DATA_AFTER_S, ROS2, Endpoint, protocol_in_use
 
-Feature = Literal["parameters", "mission_transfer", "files", "gimbal", "camera", "arming_report", "shell"]
+Feature = Literal[
+    "parameters", "mission_transfer", "files", "gimbal", "camera", "arming_report", "shell", "manual_control"
+]
 """A feature that only MAVLink carries."""
 NEEDS_MAVLINK: Final[dict[Feature, str]] = {
     "parameters": "parameters",
@@ -25,6 +27,7 @@ NEEDS_MAVLINK: Final[dict[Feature, str]] = {
     "camera": "camera commands",
     "arming_report": "reports of the arming checks",
     "shell": "console",
+    "manual_control": "stick positions",
 }
 """Each feature as the object of "ROS 2 carries no …"."""
 FEATURES: Final[tuple[Feature, ...]] = get_args(Feature)

@@ -30,6 +30,7 @@ def tag(message):
 MESSAGES = {
     f"WS /api/v1/telemetry {tag(Subscribe)}",
     f"WS {STREAM} setpoint",
+    "WS /api/v1/vehicles/{v}/manual_control/stream sticks",
     *(f"WS /scene/ {tag(message)}" for message in (CameraMessage, MovedMessage, ReleasedMessage)),
 }
 NOBODY = Principal("nobody", "0" * 12, permissions=frozenset())

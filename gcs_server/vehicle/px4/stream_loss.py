@@ -19,14 +19,15 @@ _WITHOUT_STICKS: Final = (
     "drifts and descends without control; it reports Stabilized mode",
 )
 """What PX4 up to v1.16 does in these modes in flight without sticks."""
-_ACTIONS: Final = {
+ACTIONS: Final = {
     "rtl": "returns to launch and lands there",
     "land": "lands at its current position",
     "hold": "holds its position in Hold mode",
     "terminate": "terminates the flight: the motors stop and it falls",
     "disarm": "disarms: the motors stop and it falls",
 }
-_STICK_LOSS: Final = {1: "hold", 2: "rtl", 3: "land", 5: "terminate", 6: "disarm"}
+"""What the vehicle does, by mode of `ACTION_MODES`."""
+STICK_LOSS: Final = {1: "hold", 2: "rtl", 3: "land", 5: "terminate", 6: "disarm"}
 """The mode for each value of NAV_RCL_ACT."""
 _FALLS_BACK_FROM: Final = (1, 17)
 """From this release on, PX4 without sticks executes NAV_RCL_ACT instead of a mode that needs them (flown:
@@ -90,13 +91,13 @@ class StreamLoss:
         if self.action_mode is None:
             return "does an action that is unknown to this server"
         if action >= len(_STICK_MODES):
-            return _ACTIONS[self.action_mode]
+            return ACTIONS[self.action_mode]
         if self.transmitter:
             return f"is flown by the RC pilot in {_STICK_MODES[action]} mode"
         if self.release is not None and self.release < _FALLS_BACK_FROM:
             return _WITHOUT_STICKS[action]
-        mode = _STICK_LOSS.get(2 if self.stick_loss_action is None else self.stick_loss_action)
-        falls_back = _ACTIONS[mode] if mode is not None else "does what NAV_RCL_ACT selects"
+        mode = STICK_LOSS.get(2 if self.stick_loss_action is None else self.stick_loss_action)
+        falls_back = ACTIONS[mode] if mode is not None else "does what NAV_RCL_ACT selects"
         known = "NAV_RCL_ACT's default" if self.stick_loss_action is None else "NAV_RCL_ACT"
         if self.release is None:
             return f"{_WITHOUT_STICKS[action]}, or with PX4 v1.17 or newer {falls_back} ({known})"

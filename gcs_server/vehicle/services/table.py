@@ -6,8 +6,17 @@ from __future__ import annotations
 from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.gimbal_setup import GimbalSetupService
 from gcs_server.vehicle.services.logs import LogService
+from gcs_server.vehicle.services.manual_control import ManualControlService
 from gcs_server.vehicle.services.param_changes import ParamChanges
 from gcs_server.vehicle.services.restart import RestartService
 from gcs_server.vehicle.services.shell import ShellService
 
-SERVICES = (CameraService, GimbalSetupService, LogService, ParamChanges, RestartService, ShellService)
+SERVICES = (
+    CameraService,
+    GimbalSetupService,
+    LogService,
+    ManualControlService,
+    ParamChanges,
+    RestartService,
+    ShellService,
+)

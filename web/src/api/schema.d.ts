@@ -1431,6 +1431,26 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/manual_control": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show
+         * @description Whose stick positions are sent, whether the vehicle uses them, and what it does when they stop.
+         */
+        readonly get: operations["show_api_v1_vehicles__v__manual_control_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/maps": {
         readonly parameters: {
             readonly query?: never;
@@ -9393,6 +9413,40 @@ export interface components {
             readonly yaw_ned_deg?: number | null;
         };
         /**
+         * ManualControlView
+         * @description Whose stick positions are sent to the vehicle.
+         */
+        readonly ManualControlView: {
+            /**
+             * By
+             * @description The client; null: nobody's.
+             */
+            readonly by: string | null;
+            /**
+             * By Key
+             * @description Distinguishes clients with the same name.
+             */
+            readonly by_key: string | null;
+            /**
+             * Since Unix S
+             * @description Since [s since 1970 UTC].
+             */
+            readonly since_unix_s: number | null;
+            /**
+             * Phase
+             * @description `centre`: neutral until the sticks are centred once; `flying`: the sticks act; `interrupted`: neutral
+             *     until the pilot goes on.
+             * @enum {string}
+             */
+            readonly phase: "off" | "centre" | "flying" | "interrupted";
+            /**
+             * Reason
+             * @description What has interrupted the sticks, or why the last stream has ended.
+             */
+            readonly reason: string | null;
+            readonly rules: components["schemas"]["StickRules"];
+        };
+        /**
          * MapFile
          * @description An offline map of the operator.
          */
@@ -12987,7 +13041,7 @@ export interface components {
              * @description Features that the vehicle's links do not carry; requests that need them are refused immediately. Empty
              *     over MAVLink.
              */
-            readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report" | "shell")[];
+            readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report" | "shell" | "manual_control")[];
         };
         /**
          * ReadinessCause
@@ -14820,6 +14874,50 @@ export interface components {
             readonly received_unix_s: number;
             /** @description The sample itself. */
             readonly value: components["schemas"]["Status"];
+        };
+        /**
+         * StickLoss
+         * @description The vehicle's action when stick positions stop in flight.
+         */
+        readonly StickLoss: {
+            /**
+             * After S
+             * @description Time after the last stick positions [s] (COM_RC_LOSS_T); null: not known.
+             */
+            readonly after_s: number | null;
+            /**
+             * Action
+             * @description `hold`, `rtl`, `land`, `terminate` or `disarm` (NAV_RCL_ACT); null: not known.
+             */
+            readonly action: string | null;
+            /**
+             * Also In Hold
+             * @description Whether the vehicle does so in Hold, too (COM_RCL_EXCEPT); null: not known.
+             */
+            readonly also_in_hold: boolean | null;
+            /**
+             * Text
+             * @description The action as a sentence.
+             */
+            readonly text: string;
+        };
+        /**
+         * StickRules
+         * @description What the vehicle's parameters say about stick positions.
+         */
+        readonly StickRules: {
+            /**
+             * Problem
+             * @description Why the vehicle does not use them; null: it does, or this is not known.
+             */
+            readonly problem: string | null;
+            /**
+             * Remedy
+             * @description How to change that.
+             */
+            readonly remedy: string | null;
+            /** @description What the vehicle does when they stop in flight. */
+            readonly loss: components["schemas"]["StickLoss"];
         };
         /**
          * StopStreamOnExpiry
@@ -21722,6 +21820,65 @@ export interface operations {
                     readonly [name: string]: unknown;
                 };
                 content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_api_v1_vehicles__v__manual_control_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ManualControlView"];
+                };
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];

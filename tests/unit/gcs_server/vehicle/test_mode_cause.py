@@ -23,10 +23,13 @@ def state(mode, *, intended=None, armed=True, status=d.MAV_STATE_ACTIVE):
     )
 
 
-def source(before, after, *, was_failsafe=False, plan_returns=False, has_transmitter=False):
+def source(
+    before, after, *, was_failsafe=False, plan_returns=False, has_transmitter=False, stick_client=None
+):
     return cause_of(
         before, after, requested=None, foreign=None, has_transmitter=has_transmitter,
-        was_failsafe=was_failsafe, plan_returns=lambda: plan_returns, now_s=10.0, unix_s=1e9,
+        stick_client=stick_client, was_failsafe=was_failsafe, plan_returns=lambda: plan_returns,
+        now_s=10.0, unix_s=1e9,
     ).source  # fmt: skip
 
 
