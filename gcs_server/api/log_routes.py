@@ -1,14 +1,14 @@
-"""Routes of the flight logs on a vehicle: list, download as an operation, and the downloaded file."""
+"""Routes of the flight logs on a vehicle: list, download as an operation, erase; and the downloaded file."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from dataclasses import asdict
-from pathlib import Path
+from functools import partial
 
 from fastapi import Response
 from fastapi.responses import FileResponse
+from pydantic import Field
 
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.operation_routes import OperationModel, operation_view
@@ -17,9 +17,9 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
-from gcs_server.api.strict_body import ResponseBody
-from gcs_server.errors import InvalidRequest, LogUnusable
-from gcs_server.operations.operations import ReportProgress
+from gcs_server.api.strict_body import ResponseBody, StrictBody
+from gcs_server.control.commands import BY_NAME
+from gcs_server.errors import InvalidRequest
 from gcs_server.vehicle.services.logs import FlightLog, LogService
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -44,6 +44,8 @@ class LogView(ResponseBody):
     """Its last change, normally its end [s since 1970 UTC]; null: the vehicle did not know the time."""
     size_bytes: int
     """Size [bytes]."""
+    received_bytes: int
+    """Size of what an interrupted download has received [bytes]; the next one continues there."""
     downloaded: DownloadedLog | None
     """The file on the server; null: not downloaded."""
 
@@ -55,28 +57,29 @@ class LogList(ResponseBody):
     """The oldest first; numbers are in another order, that of the vehicle's files."""
 
 
-def _file_name(vehicle: Vehicle, log: FlightLog) -> str:
-    vehicle_id = vehicle.id.replace("~", "-")
-    return f"vehicle-{vehicle_id}-{log.ended_unix_s or 0:.0f}-{log.number}-{log.size_bytes}.ulg"
+class EraseLogs(StrictBody):
+    """Confirmation that all logs of a vehicle are erased."""
+
+    confirm: str = Field(max_length=100)
+    """Exactly `all logs of vehicle {vehicle} are erased`, with the id of the vehicle."""
 
 
-async def _found(station: Station, vehicle: Vehicle, log: FlightLog) -> dict[str, str] | None:
-    name = _file_name(vehicle, log)
-    path = await asyncio.to_thread(station.logbook.library.downloaded_path, name)
-    return None if path is None else await _downloaded(station, path)
-
-
-async def _downloaded(station: Station, path: Path) -> dict[str, str]:
-    return {"file": path.name, "flight": await station.logbook.id_of(path)}
+async def _found(station: Station, vehicle: Vehicle, log: FlightLog) -> dict[str, object]:
+    """What the server has of a log."""
+    downloads = station.log_downloads
+    path = await asyncio.to_thread(downloads.path_of, vehicle.id, log)
+    if path is None:
+        received = await asyncio.to_thread(downloads.received_bytes, vehicle.id, log)
+        return {"received_bytes": received, "downloaded": None}
+    downloaded = {"file": path.name, "flight": await station.logbook.id_of(path)}
+    return {"received_bytes": 0, "downloaded": downloaded}
 
 
 @router.get("", response_model=LogList)
 async def list_logs(vehicle: VehicleDep, station: StationDep) -> Response:
     """Asks the vehicle for its logs; refused while it is armed."""
     logs = await vehicle.service(LogService).list()
-    return json_response(
-        {"logs": [asdict(log) | {"downloaded": await _found(station, vehicle, log)} for log in logs]}
-    )
+    return json_response({"logs": [asdict(log) | await _found(station, vehicle, log) for log in logs]})
 
 
 @router.post(
@@ -86,43 +89,33 @@ async def list_logs(vehicle: VehicleDep, station: StationDep) -> Response:
     responses={202: {"model": OperationModel, "description": "The log is being downloaded."}},
 )
 async def download(v: str, number: int, station: StationDep, principal: PrincipalDep) -> Response:
-    """Downloads a log to the server, and reads it: an operation, which can be followed and cancelled. Its
-    result has the `file` for `GET …/logs/{file}` and the id `flight` for `GET /flights/{f}`. Refused while
-    the vehicle is armed; ends when it is armed."""
+    """Downloads a log to the server, and reads it: an operation, which can be followed and cancelled.
+
+    It reads by FTP or LOG_DATA, whichever is faster; waits while another log is downloaded, or up to ten
+    minutes for a lost vehicle; and continues what an earlier one has received. Its result has the `file` for
+    `GET …/logs/{file}`, the id `flight` for `GET /flights/{f}`, `verified` (`crc32`: the vehicle's checksum
+    is equal; `size`: it gave none), and what arrived in each way. Refused while the vehicle is armed; ends
+    when it is armed."""
     with authorized_command(station, principal, "logs/download", v, {"number": number}):
-        vehicle = station.fleet.get(v)
-        service = vehicle.service(LogService)
-        vehicle.require("files")
-
-        async def work(report: ReportProgress) -> dict[str, object]:
-            logs = {log.number: log for log in await service.list()}
-            if (log := logs.get(number)) is None:
-                raise InvalidRequest("number", f"Vehicle {v} has no log {number}.", remedy="List its logs.")
-
-            def progress(received: int, size: int) -> None:
-                report(
-                    f"{received / 1e6:.1f} of {size / 1e6:.1f} MB received.", received / size if size else 1.0
-                )
-
-            content = await service.download(log, progress)
-            name = _file_name(vehicle, log)
-            path = await asyncio.to_thread(station.logbook.library.write_downloaded, name, content)
-            downloaded = await _downloaded(station, path)
-            report("Received. The log is being read.", 1.0)
-            with contextlib.suppress(LogUnusable):  # the list of flights then says why
-                await station.logbook.overview(downloaded["flight"])
-            return {**downloaded, "size_bytes": len(content)}
-
+        station.fleet.get(v).require("files")
         operation = station.operations.start(
             "logs/download",
-            work,
+            partial(station.log_downloads.run, v, number),
             text=f"Downloading log {number} of vehicle {v}.",
             vehicle=v,
             subject=str(number),
             by=(principal.name, principal.key),
-            needs_vehicle=True,
         )
     return json_response(operation_view(operation), 202)
+
+
+@router.post("/erase", status_code=204)
+async def erase(v: str, body: EraseLogs, station: StationDep, principal: PrincipalDep) -> Response:
+    """Erases all logs on the vehicle. Needs control; refused while the vehicle is armed."""
+    with authorized_command(station, principal, "logs/erase", v, {"confirm": body.confirm}):
+        BY_NAME["logs/erase"].require_confirmation(body.confirm, vehicle=v)
+        await station.fleet.get(v).service(LogService).erase()
+    return Response(status_code=204)
 
 
 @router.get("/{file}", response_class=FileResponse)

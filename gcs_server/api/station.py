@@ -15,6 +15,7 @@ from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.flights.flights import Flights
+from gcs_server.logbook.downloads import LogDownloads
 from gcs_server.logbook.logbook import Logbook
 from gcs_server.maps.sources import MapSources
 from gcs_server.maps.tiles import Tiles
@@ -59,6 +60,7 @@ class Station:
     user_settings: UserSettings
     logbook: Logbook
     """The files of flights, among them the logs that were downloaded from vehicles."""
+    log_downloads: LogDownloads = field(init=False)
     request_queue: RequestQueue = field(init=False)
     large_setpoints: LargeSetpoints = field(init=False)
     has_scene: bool = False
@@ -73,6 +75,7 @@ class Station:
     """Time of the last journal line and number of setpoints since then, by client key, vehicle and result."""
 
     def __post_init__(self) -> None:
+        self.log_downloads = LogDownloads(self.clock, self.logbook, self.fleet.get)
         self.request_queue = RequestQueue(self.authority.controls_any)
         self.large_setpoints = LargeSetpoints(self.authority.controls_any)
 

@@ -274,6 +274,15 @@ ALL: tuple[Command, ...] = (
         "not_anothers",
         "the vehicle",
     ),
+    Command(
+        "logs/erase",
+        "configure",
+        ("POST /vehicles/{v}/logs/erase",),
+        "lease",
+        "the vehicle",
+        confirmed=True,
+        confirm_text="all logs of vehicle {vehicle} are erased",
+    ),
     # control
     _control("take", confirmed=True),
     _control("request"),

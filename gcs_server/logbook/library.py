@@ -14,14 +14,13 @@ import re
 import secrets
 import sqlite3
 import threading
-from collections.abc import Set
+from collections.abc import Callable, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from gcs_server.errors import UnknownFlight
 from gcs_server.logbook.names import ULOG, suffix_of
-from gcs_server.storage.files import replace_file
 from missions.values import hidden_character
 
 log = logging.getLogger(__name__)
@@ -146,12 +145,19 @@ class Library:
         path = self.logs / name
         return path if _DOWNLOADED.fullmatch(name) and path.is_file() else None
 
-    def write_downloaded(self, name: str, content: bytes) -> Path:
-        """Writes a log that was downloaded from a vehicle. Raises OSError."""
+    def add_downloaded(self, name: str, move: Callable[[Path], None]) -> Path:
+        """Adds a log that was downloaded from a vehicle.
+
+        Args:
+            name: its name.
+            move: called with the path that it gets; moves it there.
+
+        Raises:
+            OSError: it cannot be moved.
+        """
         if not _DOWNLOADED.fullmatch(name):
             raise ValueError(f"{name!r} is not the name of a downloaded log")
-        self.logs.mkdir(parents=True, exist_ok=True)
-        replace_file(self.logs / name, content, sync=False)
+        move(self.logs / name)
         return self.logs / name
 
     def note(self, file: LogFile, summary: dict[str, Any]) -> None:

@@ -7,6 +7,8 @@ their number is at most `MAX_MISSING_PARTS`.
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 
 MAX_MISSING_PARTS = 2048
 """A piece that would leave more missing parts is dropped, as if the link had lost it. A file of
@@ -18,13 +20,28 @@ class PartialFile:
 
     Args:
         size: size of the file [bytes].
+        missing: (start, end) of the parts that are still missing, sorted, which do not touch; None: all.
+        store: called with (offset, data) of each new piece; None: the data is kept in memory.
+
+    Raises:
+        ValueError: `missing` is not such a list.
     """
 
-    def __init__(self, size: int) -> None:
+    def __init__(
+        self,
+        size: int,
+        missing: Sequence[tuple[int, int]] | None = None,
+        store: Callable[[int, bytes], None] | None = None,
+    ) -> None:
         self.size = size
-        self._data = bytearray(size)
-        self._missing: list[tuple[int, int]] = [(0, size)] if size else []
-        self._received = 0
+        parts = ([(0, size)] if size else []) if missing is None else list(missing)
+        edges = [-1, *(edge for part in parts for edge in part), size + 1]
+        if any(after <= before for before, after in pairwise(edges)):
+            raise ValueError("the missing parts are not sorted, or not within the file")
+        self._missing: list[tuple[int, int]] = parts
+        self._received = size - sum(end - start for start, end in parts)
+        self._data = bytearray(size if store is None else 0)
+        self._store = self._keep if store is None else store
 
     @property
     def complete(self) -> bool:
@@ -38,13 +55,31 @@ class PartialFile:
 
     @property
     def content(self) -> bytes:
-        """The whole file, with zeros for missing parts."""
+        """The whole file, with zeros for missing parts; only of a file that is kept in memory."""
         return bytes(self._data)
 
     @property
     def first_missing(self) -> tuple[int, int] | None:
         """(start, end) of the first missing part; None: the file is complete."""
         return self._missing[0] if self._missing else None
+
+    @property
+    def missing(self) -> tuple[tuple[int, int], ...]:
+        """(start, end) of all missing parts, sorted."""
+        return tuple(self._missing)
+
+    @property
+    def tail(self) -> tuple[int, int] | None:
+        """(start, end) of the missing end of the file; None: its last byte has arrived."""
+        return self._missing[-1] if self._missing and self._missing[-1][1] == self.size else None
+
+    def missing_pieces(self, max_bytes: int, before: int) -> Iterator[tuple[int, int]]:
+        """(start, end) of missing pieces of at most `max_bytes`, of the parts that begin before `before`."""
+        for start, end in self._missing:
+            if start >= before:
+                return
+            for first in range(start, end, max_bytes):
+                yield first, min(first + max_bytes, end)
 
     def missing_within(self, max_bytes: int) -> tuple[int, int] | None:
         """(start, end) of all missing parts within `max_bytes` of the first missing byte; None: the file is
@@ -59,11 +94,6 @@ class PartialFile:
     def missing_count(self) -> int:
         """Number of missing parts."""
         return len(self._missing)
-
-    @property
-    def tail_missing(self) -> bool:
-        """Whether the only missing part is the end of the file."""
-        return len(self._missing) == 1 and self._missing[0][1] == self.size
 
     def put(self, offset: int, data: bytes) -> bool:
         """Stores a piece; False if the piece is not new, does not fit into the file, or leaves too many
@@ -86,5 +116,8 @@ class PartialFile:
             return False
         missing[first:stop] = left + right
         self._received += missing_before - sum(last - start for start, last in left + right)
-        self._data[offset:end] = data
+        self._store(offset, data)
         return True
+
+    def _keep(self, offset: int, data: bytes) -> None:
+        self._data[offset : offset + len(data)] = data

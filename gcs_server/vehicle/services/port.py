@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any, Protocol
 
 from gcs_server.clock import Clock
@@ -16,6 +16,8 @@ from gcs_server.vehicle.px4.modes import ModeNames
 from gcs_server.vehicle.reach import Feature
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Sample, Status
+from gcs_server.vehicle.services.ftp_codec import DirectoryEntry
+from gcs_server.vehicle.services.ftp_pieces import PartialFile
 from gcs_server.vehicle.tickets import Tickets
 
 
@@ -30,6 +32,18 @@ class GimbalAddresses(Protocol):
     """The connected gimbals."""
 
     def addresses(self) -> tuple[GimbalAddress, ...]: ...
+
+
+class Files(Protocol):
+    """The vehicle's files, by FTP."""
+
+    async def list(self, path: str) -> list[DirectoryEntry]: ...
+    async def read_parts(
+        self,
+        path: str,
+        file_of: Callable[[int], PartialFile],
+        progress: Callable[[int, int], None] | None = None,
+    ) -> None: ...
 
 
 class VehiclePort(Protocol):
@@ -47,6 +61,8 @@ class VehiclePort(Protocol):
     def gimbals(self) -> GimbalAddresses: ...
     @property
     def health(self) -> HealthChecks: ...
+    @property
+    def ftp(self) -> Files: ...
 
     own_ids: tuple[int, int]
     """This server's (system id, component id), to which acknowledgements must be addressed."""

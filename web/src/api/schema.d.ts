@@ -1400,11 +1400,35 @@ export interface paths {
         readonly put?: never;
         /**
          * Download
-         * @description Downloads a log to the server, and reads it: an operation, which can be followed and cancelled. Its
-         *     result has the `file` for `GET …/logs/{file}` and the id `flight` for `GET /flights/{f}`. Refused while
-         *     the vehicle is armed; ends when it is armed.
+         * @description Downloads a log to the server, and reads it: an operation, which can be followed and cancelled.
+         *
+         *     It reads by FTP or LOG_DATA, whichever is faster; waits while another log is downloaded, or up to ten
+         *     minutes for a lost vehicle; and continues what an earlier one has received. Its result has the `file` for
+         *     `GET …/logs/{file}`, the id `flight` for `GET /flights/{f}`, `verified` (`crc32`: the vehicle's checksum
+         *     is equal; `size`: it gave none), and what arrived in each way. Refused while the vehicle is armed; ends
+         *     when it is armed.
          */
         readonly post: operations["download_api_v1_vehicles__v__logs__number__download_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/logs/erase": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Erase
+         * @description Erases all logs on the vehicle. Needs control; refused while the vehicle is armed.
+         */
+        readonly post: operations["erase_api_v1_vehicles__v__logs_erase_post"];
         readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
@@ -5770,6 +5794,17 @@ export interface components {
             readonly unreadable: readonly string[];
         };
         /**
+         * EraseLogs
+         * @description Confirmation that all logs of a vehicle are erased.
+         */
+        readonly EraseLogs: {
+            /**
+             * Confirm
+             * @description Exactly `all logs of vehicle {vehicle} are erased`, with the id of the vehicle.
+             */
+            readonly confirm: string;
+        };
+        /**
          * Estimator
          * @description ESTIMATOR_STATUS flags (ESTIMATOR_STATUS_FLAGS) and accuracies.
          */
@@ -9234,6 +9269,11 @@ export interface components {
              * @description Size [bytes].
              */
             readonly size_bytes: number;
+            /**
+             * Received Bytes
+             * @description Size of what an interrupted download has received [bytes]; the next one continues there.
+             */
+            readonly received_bytes: number;
             /** @description The file on the server; null: not downloaded. */
             readonly downloaded: components["schemas"]["DownloadedLog"] | null;
         };
@@ -21762,6 +21802,67 @@ export interface operations {
                 content: {
                     readonly "application/json": components["schemas"]["Operation"];
                 };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly erase_api_v1_vehicles__v__logs_erase_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["EraseLogs"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];

@@ -184,6 +184,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'set a parameter': { click: (facts) => paramPanel.set(page.api, facts.id, 'MPC_XY_CRUISE', 3) },
   'switch to a ready mode': { click: (facts) => readinessPanel.switchMode(page.api, facts.id, 'hold') },
   'run the checks': { click: (facts) => readinessPanel.check(page.api, facts.id) },
+  'erase the logs': { click: (facts) => vehicleLogs.erase(page.api, facts.id) },
   'download a log': { click: (facts) => vehicleLogs.download(page.api, facts.id, 0) },
   'hold all flying': { click: (facts) => vehicleList.hold(page.api, [facts]) },
   ...Object.fromEntries(

@@ -17,6 +17,8 @@ export class VehicleLogs {
   operation = $state.raw<Operation | null>(null);
   /** Id of the vehicle whose list is being read. */
   reading = $state<string | null>(null);
+  /** Id of the vehicle whose logs are erased once a person has confirmed it. */
+  toErase = $state<string | null>(null);
 
   constructor(private readonly gate = new CommandGate()) {}
 
@@ -67,12 +69,31 @@ export class VehicleLogs {
     }
     const { state, error, result } = current;
     if (error !== null) this.lastProblem = { vehicle, problem: error };
-    if (state !== 'succeeded' || this.list?.vehicle !== vehicle) return;
-    const { file, flight } = result as unknown as { file: string; flight: string };
-    this.list = { vehicle, logs: this.list.logs.map((log) => (log.number === number ? { ...log, downloaded: { file, flight } } : log)) };
+    if (this.list?.vehicle !== vehicle) return;
+    const change = (changed: Partial<VehicleLog>): void => {
+      if (this.list !== null) this.list = { vehicle, logs: this.list.logs.map((log) => (log.number === number ? { ...log, ...changed } : log)) };
+    };
+    if (state === 'succeeded') {
+      const { file, flight } = result as unknown as { file: string; flight: string };
+      change({ received_bytes: 0, downloaded: { file, flight } });
+      return;
+    }
+    const size_bytes = this.list.logs.find((log) => log.number === number)?.size_bytes ?? 0;
+    change({ received_bytes: Math.round((current.progress ?? 0) * size_bytes) });
   }
 
-  /** Cancels the running download; it may be continued only from its beginning. */
+  /** Erases all logs on the vehicle. @param vehicle the vehicle for which a person has confirmed it. */
+  async erase(api: ApiClient, vehicle: string): Promise<void> {
+    this.lastProblem = null;
+    this.toErase = null;
+    const outcome = await this.gate.run({ name: 'Erase the logs', vehicles: [vehicle] }, () =>
+      api.post('/vehicles/{v}/logs/erase', { ...ofVehicle(vehicle), body: { confirm: `all logs of vehicle ${vehicle} are erased` } }),
+    );
+    if (outcome.ok) this.list = { vehicle, logs: [] }; // the vehicle lists none any more
+    else if (outcome.problem.code !== DOUBLE_CLICK) this.lastProblem = { vehicle, problem: outcome.problem };
+  }
+
+  /** Cancels the running download; what has arrived stays, and the next one continues there. */
   async cancel(api: ApiClient): Promise<void> {
     const { operation } = this;
     if (operation?.vehicle == null) return;

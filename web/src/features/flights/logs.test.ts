@@ -2,7 +2,7 @@ import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { VehicleLogs } from './logs.svelte';
 
-const LOG = { number: 3, ended_unix_s: 1, size_bytes: 4000, downloaded: null };
+const LOG = { number: 3, ended_unix_s: 1, size_bytes: 4000, received_bytes: 0, downloaded: null };
 const operation = (more: object) => ({ id: '7', vehicle: '1', subject: '3', state: 'running', text: '', error: null, result: null, ...more });
 
 function scripted(answers: Record<string, [number, unknown][]>) {
@@ -11,7 +11,7 @@ function scripted(answers: Record<string, [number, unknown][]>) {
     const call = `${method} ${path}`;
     sent.push(call);
     const [status, body] = answers[call]?.shift() ?? [404, { title: 'Unknown', detail: call }];
-    return Promise.resolve(new Response(JSON.stringify(body), { status, headers: { 'Content-Type': 'application/json' } }));
+    return Promise.resolve(new Response(status === 204 ? null : JSON.stringify(body), { status, headers: { 'Content-Type': 'application/json' } }));
   });
   return { api, sent };
 }
@@ -26,7 +26,7 @@ describe('the logs on a vehicle', () => {
       'POST /api/v1/vehicles/1/logs/3/download': [[202, operation({})]],
       'GET /api/v1/operations/7': [
         [200, operation({ text: '1 of 4 MB' })],
-        [200, operation({ state: 'succeeded', result: { file: 'a.ulg', flight: 'f1' } })],
+        [200, operation({ state: 'succeeded', progress: 1, result: { file: 'a.ulg', flight: 'f1' } })],
       ],
     });
     const logs = new VehicleLogs();
@@ -60,5 +60,24 @@ describe('the logs on a vehicle', () => {
     await vi.advanceTimersByTimeAsync(600);
     await download;
     expect(logs.problemOf('1')?.detail).toBe('Vehicle 1 is armed.');
+  });
+
+  it('continue where a cancelled download has ended, and are erased after a confirmation', async () => {
+    const { api, sent } = scripted({
+      'GET /api/v1/vehicles/1/logs': [[200, { logs: [LOG] }]],
+      'POST /api/v1/vehicles/1/logs/3/download': [[202, operation({})]],
+      'GET /api/v1/operations/7': [[200, operation({ state: 'cancelled', progress: 0.25 })]],
+      'POST /api/v1/vehicles/1/logs/erase': [[204, null]],
+    });
+    const logs = new VehicleLogs();
+    await logs.read(api, '1');
+    const download = logs.download(api, '1', 3);
+    await vi.advanceTimersByTimeAsync(600);
+    await download;
+    expect(logs.logsOf('1')).toEqual([{ ...LOG, received_bytes: 1000 }]);
+    logs.toErase = '1';
+    await logs.erase(api, '1');
+    expect([logs.toErase, logs.logsOf('1')]).toEqual([null, []]);
+    expect(sent).toContain('POST /api/v1/vehicles/1/logs/erase');
   });
 });
