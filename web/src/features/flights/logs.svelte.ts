@@ -89,7 +89,8 @@ export class VehicleLogs {
     const outcome = await this.gate.run({ name: 'Erase the logs', vehicles: [vehicle] }, () =>
       api.post('/vehicles/{v}/logs/erase', { ...ofVehicle(vehicle), body: { confirm: `all logs of vehicle ${vehicle} are erased` } }),
     );
-    if (outcome.ok) this.list = { vehicle, logs: [] }; // the vehicle lists none any more
+    if (outcome.ok)
+      this.list = { vehicle, logs: [] }; // the vehicle lists none any more
     else if (outcome.problem.code !== DOUBLE_CLICK) this.lastProblem = { vehicle, problem: outcome.problem };
   }
 
