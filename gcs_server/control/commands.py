@@ -394,6 +394,7 @@ ALL: tuple[Command, ...] = (
         "GET /dry_runs/{d}",
         "POST /vehicles/{v}/mission/compare",
     ),
+    _view("flights/rerun", "POST /flights/{f}/rerun"),
     _view("operations", "GET /operations", "GET /operations/{o}"),
     _view("telemetry", "WS /telemetry", "WS /telemetry subscribe"),
     _view(

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -105,12 +105,17 @@ class Logbook:
             UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
             InvalidRequest: the log has no such field, or an expression is invalid.
         """
-        file = await self.get(file_id)
-        folder = await asyncio.to_thread(self._newest_folder, file)
-        if folder is None:
-            await self.overview(file_id)
-            folder = self._folder(file)
+        folder = await self._read_folder(file_id)
         return await self._work.plot(folder, fields, from_s, to_s, points)
+
+    async def rerun(self, file_id: str, from_s: float, to_s: float, change: Mapping[str, Any]) -> bytes:
+        """A part of a flight flown again in simulation, as it was and with a change, as JSON.
+
+        Raises:
+            UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
+            InvalidRequest: this part cannot be flown, or the change has no effect on it.
+        """
+        return await self._work.rerun(await self._read_folder(file_id), from_s, to_s, change)
 
     async def delete(self, file_id: str) -> None:
         """Deletes a file.
@@ -166,6 +171,15 @@ class Logbook:
 
     def _folder(self, file: LogFile) -> Path:
         return self._cache / f"{file.id}-{file.version[0]}-{file.version[1]}"
+
+    async def _read_folder(self, file_id: str) -> Path:
+        """The columns of a log, which is read if it was not yet."""
+        file = await self.get(file_id)
+        folder = await asyncio.to_thread(self._newest_folder, file)
+        if folder is None:
+            await self.overview(file_id)
+            folder = self._folder(file)
+        return folder
 
     def _newest_folder(self, file: LogFile) -> Path | None:
         folders = [self._folder(file), *self._cache.glob(f"{file.id}-*")]

@@ -12,7 +12,7 @@ import msgspec
 from gcs_server.logbook.names import ULOG, suffix_of
 
 Fault = tuple[str, str]
-"""What is wrong: `log` (the file) or `field` (the request), and the text."""
+"""What is wrong: `log` (the file) or a field of the request, and the text."""
 
 
 def read(path: str, folder: str) -> bytes:
@@ -36,13 +36,32 @@ def plot(folder: str, fields: list[str], from_s: float | None, to_s: float | Non
     return msgspec.json.encode({"series": found})
 
 
-TASKS: dict[str, Callable[..., bytes]] = {"read": read, "plot": plot}
+def rerun(folder: str, from_s: float, to_s: float, change: dict[str, Any]) -> bytes:
+    """Flies a part of a log again, as it was and with a change; the result as JSON.
+
+    Raises `missions.what_if.flight.NotFlyable`, OSError.
+    """
+    from gcs_server.logbook import columns
+    from gcs_server.logbook.flown import flown
+    from missions.what_if import task
+
+    overview = msgspec.json.decode((Path(folder) / columns.OVERVIEW).read_bytes())
+    parameters = {each["name"]: each["value"] for each in overview["parameters"]}
+    parameters |= {
+        each["name"]: each["value"] for each in overview["parameter_changes"] if each["t_s"] <= from_s
+    }
+    flight = flown(columns.Columns(Path(folder)), parameters, from_s, to_s)
+    return msgspec.json.encode(task.run(flight, from_s, task.change_from(change)))
+
+
+TASKS: dict[str, Callable[..., bytes]] = {"read": read, "plot": plot, "rerun": rerun}
 
 
 def answer_request(request: bytes) -> bytes:
     """Runs the task of a request (name and arguments as msgpack); the answer is (fault, body) as msgpack."""
     from gcs_server.logbook.columns import UnknownField
     from gcs_server.logbook.log import UnreadableLog
+    from missions.what_if.flight import NotFlyable
 
     name, arguments = msgspec.msgpack.decode(request, type=tuple[str, dict[str, Any]])
     fault: Fault | None = None
@@ -52,7 +71,9 @@ def answer_request(request: bytes) -> bytes:
     except UnreadableLog as error:
         fault = ("log", str(error))
     except UnknownField as error:
-        fault = ("field", str(error))
+        fault = ("field", f"{str(error)[:1].upper()}{str(error)[1:]}.")
+    except NotFlyable as error:
+        fault = (error.field, str(error))
     except MemoryError:
         fault = ("log", "Reading it took more memory than allowed.")
     except OSError as error:

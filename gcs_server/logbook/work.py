@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,15 @@ from gcs_server.operations.turns import TurnLimits, Turns
 COMMAND = (sys.executable, "-m", "gcs_server.logbook.worker")
 MAX_RESULT_BYTES = 32 * 1024 * 1024
 READS = TurnLimits(running=2, running_without_control=1, per_client=4, total=16)
+RERUNS = TurnLimits(running=1, running_without_control=1, per_client=2, total=8)
 PLOTS = TurnLimits(running=2, running_without_control=2, per_client=8, total=32)
 """Plots have turns of their own, so that they do not wait for the reading of another log."""
+REMEDIES = {
+    "field": "Take a field of the overview.",
+    "from_s": "Take another part of the flight.",
+    "parameters": "Change another parameter, or give it another value.",
+}
+"""What to do, by the field of the request that was wrong."""
 
 
 class LogWork:
@@ -33,6 +40,7 @@ class LogWork:
         self._processes = ForkServer(COMMAND, MAX_RESULT_BYTES)
         self._reads = Turns(in_control, READS)
         self._plots = Turns(in_control, PLOTS)
+        self._reruns = Turns(in_control, RERUNS)
 
     async def read(self, path: Path, folder: Path) -> bytes:
         """Reads a log into a folder of columns; returns its overview as JSON.
@@ -64,6 +72,18 @@ class LogWork:
         async with self._plots.turn():
             return await self._run("plot", arguments)
 
+    async def rerun(self, folder: Path, from_s: float, to_s: float, change: Mapping[str, Any]) -> bytes:
+        """Flies a part of a log again in simulation; the result as JSON.
+
+        Raises:
+            InvalidRequest: this part cannot be flown, or the change has no effect on it.
+            LogUnusable: the columns cannot be read.
+            ClientHasTooMany, ServerBusy: too many parts are being flown or wait.
+        """
+        arguments = {"folder": str(folder), "from_s": from_s, "to_s": to_s, "change": dict(change)}
+        async with self._reruns.turn():
+            return await self._run("rerun", arguments)
+
     def close(self) -> None:
         """Ends the fork server."""
         self._processes.close()
@@ -80,7 +100,6 @@ class LogWork:
         if fault is None:
             return body
         kind, text = fault
-        if kind == "field":
-            sentence = f"{text[:1].upper()}{text[1:]}."
-            raise InvalidRequest("field", sentence, remedy="Take a field of the overview.")
-        raise LogUnusable(text, remedy="Other logs are not affected.")
+        if kind == "log":
+            raise LogUnusable(text, remedy="Other logs are not affected.")
+        raise InvalidRequest(kind, text, remedy=REMEDIES[kind])

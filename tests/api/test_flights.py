@@ -173,6 +173,24 @@ def test_parts_must_follow_each_other_within_the_given_size(client, data, monkey
     assert (full.status_code, "too little room" in full.json()["detail"]) == (409, True)
 
 
+def test_a_log_that_cannot_be_flown_again_says_why(client):
+    flight_id = add(client, "no-flight.ulg", ulog())
+    response = client.post(f"{API}/flights/{flight_id}/rerun", json={"from_s": 1.0})
+    assert response.status_code == 422
+    assert "vehicle_local_position" in response.text
+    for body in (
+        {"from_s": -1.0},
+        {"from_s": 1.0, "duration_s": 1e4},
+        {"from_s": 1.0, "parameters": {"lower case": 1.0}},
+        {"from_s": 1.0, "wind_ned_m_s": [1.0, 2.0]},
+        {"from_s": 1.0, "motor_health": [1.0, 1.0, 1.0, 2.0]},
+    ):
+        response = client.post(f"{API}/flights/{flight_id}/rerun", json=body)
+        assert response.status_code == 422, body
+    assert client.post(f"{API}/flights/unknown/rerun", json={"from_s": 1.0}).status_code == 404
+    delete(client, flight_id)
+
+
 @pytest.mark.parametrize("flight_id", ["nothing", "..%2F..%2Fsecret", "%00", "a" * 300, "uploads"])
 def test_an_unknown_id_is_not_found(client, flight_id):
     for call in ("", "/file", "/series?field=a:0/b"):

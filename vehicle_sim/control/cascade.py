@@ -55,10 +55,10 @@ class Cascade:
 
     def __init__(self, count: int, dt_s: float) -> None:
         outer_s = dt_s * OUTER_EVERY_STEPS
-        self._position = PositionControl(count, outer_s)
-        self._hover = HoverThrust(count, outer_s * HOVER_THRUST_EVERY_UPDATES)
+        self.position = PositionControl(count, outer_s)
+        self.hover = HoverThrust(count, outer_s * HOVER_THRUST_EVERY_UPDATES)
         self._attitude = AttitudeControl(count)
-        self._rate = RateControl(count, dt_s)
+        self.rate = RateControl(count, dt_s)
         self._allocation = Allocation(count)
         self._steps = 0
         self._thrust = np.zeros(count)
@@ -80,12 +80,12 @@ class Cascade:
             acceleration_ned_m_s2=np.full((count, 3), np.nan),
             yaw_ned_rad=np.full(count, np.nan),
             yaw_rate_ned_rad_s=np.full(count, np.nan),
-            hover_thrust=self._hover.value,
+            hover_thrust=self.hover.value,
         )
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads all control parameters of vehicle `i`."""
-        for controller in (self._allocation, self._position, self._hover, self._attitude, self._rate):
+        for controller in (self._allocation, self.position, self.hover, self._attitude, self.rate):
             controller.configure(i, parameters)
 
     def update(self, setpoints: Setpoints, estimate: EstimateState) -> None:
@@ -96,7 +96,7 @@ class Cascade:
             self._update_outer_loops(setpoints, estimate)
         elif any_nonzero(setpoints.override_level):
             self._override_rates(setpoints)
-        self._rate.update(
+        self.rate.update(
             groups.rates, estimate.rates_frd_rad_s, estimate.angular_acceleration_frd_rad_s2,
             self.target.rates_frd_rad_s, setpoints.landed, self._allocation.unallocated, self.torque_frd,
         )  # fmt: skip
@@ -139,14 +139,14 @@ class Cascade:
             groups.powered, groups.rates, groups.attitude, groups.trajectory, groups.reset_integral,
             groups.reset_hover, self._thrust, target.rates_frd_rad_s,
         )  # fmt: skip
-        self._position.filter_velocity(estimate)
-        self._hover.reset(groups.reset_hover)
-        self._position.update(
+        self.position.filter_velocity(estimate)
+        self.hover.reset(groups.reset_hover)
+        self.position.update(
             groups.trajectory,
             groups.reset_integral,
             setpoints,
             estimate,
-            self._hover.value,
+            self.hover.value,
             target,
             self._thrust,
         )
@@ -167,15 +167,15 @@ class Cascade:
             return
         q = estimate.q_ned_frd
         cos_tilt = 1.0 - 2.0 * (q[:, 1] * q[:, 1] + q[:, 2] * q[:, 2])
-        old = self._hover.value.copy()
-        self._hover.update(
+        old = self.hover.value.copy()
+        self.hover.update(
             in_flight,
             self._thrust * cos_tilt,
             -estimate.acceleration_ned_m_s2[:, 2],
             estimate.velocity_ned_m_s,
         )
-        new = self._hover.value
-        self._position.compensate_hover_thrust(old != new, old, new, self.target)
+        new = self.hover.value
+        self.position.compensate_hover_thrust(old != new, old, new, self.target)
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,7 @@ _UNKNOWN_AT_BOOT = re.compile(r"(origin_)?(lat_deg|lon_deg|alt_amsl_m)|height_ab
 _VECTOR = re.compile(r".*_ned_m(_s2?)?|.*_frd_rad_s2?")
 
 
-def _blank_estimate(count: int) -> EstimateState:
+def blank_estimate(count: int) -> EstimateState:
     """Estimates of N vehicles that are level, at rest and without a global position."""
     values: dict[str, np.ndarray] = {}
     for name in (field.name for field in fields(EstimateState)):
@@ -82,7 +82,7 @@ class Estimator:
     def __init__(self, count: int, dt_s: float) -> None:
         self._dt_s = dt_s
         self._predict_s = dt_s * _SAMPLES_PER_PREDICTION
-        self.state = _blank_estimate(count)
+        self.state = blank_estimate(count)
         self.fusion = blank_fusion(count)
         self.kalman = Kalman(count, self._predict_s, self.state.q_ned_frd)
         self._yaw_estimator = YawEstimator(count, self.state.q_ned_frd)

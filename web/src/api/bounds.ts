@@ -331,6 +331,10 @@ export const BOUNDS = {
   ReplayRequest: {
     speed: {"min":0.25,"max":50},
   },
+  RerunRequest: {
+    from_s: {"min":0,"max":1000000},
+    duration_s: {"min":1,"max":120},
+  },
   ResumeRequest: {
     item: {"min":0,"max":10000},
     mission_id: {"min":1},

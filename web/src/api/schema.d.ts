@@ -3145,6 +3145,28 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/flights/{f}/rerun": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Rerun Flight
+         * @description Flies a part of a quadrotor's ULog again, from its logged state with its logged setpoints: once as it
+         *     was, which says how much to trust it, and once with other parameters, wind or a failed motor. What makes
+         *     the setpoints (modes, missions, failsafes) is not flown again.
+         */
+        readonly post: operations["rerun_flight_api_v1_flights__f__rerun_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
 }
 export type webhooks = Record<string, never>;
 export interface components {
@@ -8241,6 +8263,22 @@ export interface components {
             readonly received_unix_s: number;
             /** @description The sample itself. */
             readonly value: components["schemas"]["Hud"];
+        };
+        /**
+         * IdentifiedValue
+         * @description A value that was found in a flight.
+         */
+        readonly IdentifiedValue: {
+            /**
+             * Value
+             * @description The value.
+             */
+            readonly value: number;
+            /**
+             * Error
+             * @description Its standard error; a value below three of them is not used.
+             */
+            readonly error: number;
         };
         /**
          * Identity
@@ -13569,6 +13607,129 @@ export interface components {
              * @description Shown to the client in control.
              */
             readonly reason?: string | null;
+        };
+        /**
+         * RerunRequest
+         * @description A part of a flight, and what is different when it is flown again.
+         * @example {
+         *       "duration_s": 20,
+         *       "from_s": 30,
+         *       "parameters": {
+         *         "MPC_XY_VEL_P_ACC": 1.2
+         *       }
+         *     }
+         */
+        readonly RerunRequest: {
+            /**
+             * From S
+             * @description Begin of the part [s since the log's start]; the vehicle is in the air then.
+             */
+            readonly from_s: number;
+            /**
+             * Duration S
+             * @description Duration [s]; the rerun ends earlier where the vehicle landed or the log ends.
+             */
+            readonly duration_s?: number;
+            /**
+             * Parameters
+             * @description Parameters with other values: of control (MC_*, MPC_* of gains and limits) or of the body (SIH_*).
+             */
+            readonly parameters?: {
+                readonly [key: string]: number;
+            };
+            /**
+             * Wind Ned M S
+             * @description Other steady wind [m/s], the direction it blows to; null: the one found in the log.
+             */
+            readonly wind_ned_m_s?: readonly number[] | null;
+            /**
+             * Motor Health
+             * @description Factor on the thrust of motors 1 to 4; 0: the motor stops; null: all work.
+             */
+            readonly motor_health?: readonly number[] | null;
+        };
+        /**
+         * RerunResult
+         * @description A part of a flight: as logged, flown again unchanged, and flown again with the change.
+         */
+        readonly RerunResult: {
+            /**
+             * T S
+             * @description Times [s since the log's start], of all tracks.
+             */
+            readonly t_s: readonly number[];
+            /** @description As the vehicle estimated it. */
+            readonly logged: components["schemas"]["RerunTrack"];
+            /** @description Flown again as it was; its distance from `logged` is what a rerun of this flight is worth. */
+            readonly unchanged: components["schemas"]["RerunTrack"];
+            /** @description Flown again with the change. */
+            readonly changed: components["schemas"]["RerunTrack"];
+            /**
+             * Error M
+             * @description Distance of `unchanged` from `logged`.
+             */
+            readonly error_m: readonly number[];
+            /**
+             * Error Deg
+             * @description Angle between their attitudes.
+             */
+            readonly error_deg: readonly number[];
+            /**
+             * Max Error M
+             * @description Largest distance.
+             */
+            readonly max_error_m: number;
+            /**
+             * Max Error Deg
+             * @description Largest angle.
+             */
+            readonly max_error_deg: number;
+            /**
+             * Wind Ned M S
+             * @description Steady wind that was found in the log; 0: none was found.
+             */
+            readonly wind_ned_m_s: readonly number[];
+            /**
+             * Source
+             * @description Where the body is from: the log's SIH_* parameters, or found in this flight.
+             * @enum {string}
+             */
+            readonly source: "parameters" | "flight";
+            /**
+             * Model
+             * @description What this part of the flight says: `thrust_m_s2` (all motors at full signal, by mass), `drag_per_s`
+             *     (drag per speed, by mass), `wind_north_m_s`, `wind_east_m_s`, `roll_rad_s2`, `pitch_rad_s2`, `yaw_rad_s2`
+             *     (angular acceleration at full signal); empty: too short.
+             */
+            readonly model: {
+                readonly [key: string]: components["schemas"]["IdentifiedValue"];
+            };
+            /**
+             * Notes
+             * @description What the log does not have, as sentences.
+             */
+            readonly notes: readonly string[];
+        };
+        /**
+         * RerunTrack
+         * @description What one vehicle did.
+         */
+        readonly RerunTrack: {
+            /**
+             * Position Ned M
+             * @description Positions from the vehicle's local origin.
+             */
+            readonly position_ned_m: readonly (readonly number[])[];
+            /**
+             * Velocity Ned M S
+             * @description Velocities.
+             */
+            readonly velocity_ned_m_s: readonly (readonly number[])[];
+            /**
+             * Attitude Deg
+             * @description Roll, pitch, yaw.
+             */
+            readonly attitude_deg: readonly (readonly number[])[];
         };
         /**
          * RestartRequest
@@ -27168,6 +27329,69 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["Messages"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly rerun_flight_api_v1_flights__f__rerun_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["RerunRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["RerunResult"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

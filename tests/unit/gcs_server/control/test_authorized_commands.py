@@ -66,6 +66,7 @@ def test_commands_that_change_a_flight_are_journaled():
     assert changing_commands == {
         "control/renew",
         "flights/add_part",
+        "flights/rerun",
         "maps",
         "mission/download",
         "params/refresh",

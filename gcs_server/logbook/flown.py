@@ -1,0 +1,164 @@
+"""Takes a part of a ULog for a rerun (`missions.what_if`): its topics, at the steps of the simulation.
+
+Between two samples states and setpoints are interpolated; flags, levels and NaN keep the last value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs_server.logbook.columns import Columns, UnknownField
+from missions.what_if.flight import LEAD_S, LoggedFlight, NotFlyable
+
+Values = NDArray[np.float64]
+
+STEP_S = 0.004
+"""Step of the simulation."""
+_DISARMED, _MOTORS, _RATES, _ATTITUDE, _TRAJECTORY = 0, 1, 3, 4, 5
+"""`vehicle_sim.control.setpoints.ControlLevel`."""
+_TRAJECTORY_FLAGS = ("position", "velocity", "altitude", "climb_rate", "acceleration")
+MOTOR_COUNT = 4
+
+
+def flown(columns: Columns, parameters: Mapping[str, float], from_s: float, to_s: float) -> LoggedFlight:
+    """The flight from `LEAD_S` before `from_s` to `to_s`.
+
+    Raises:
+        NotFlyable: the log lacks what a rerun needs, or the vehicle is no quadrotor.
+    """
+    try:
+        end_s = min(to_s, float(columns.times("vehicle_local_position:0")[-1]))
+        if end_s - from_s < STEP_S:
+            raise NotFlyable(f"The log ends at {end_s:.1f} s.")
+        part = _Part(columns, np.arange(max(0.0, from_s - LEAD_S), end_s, STEP_S))
+        return _flight(part, parameters)
+    except UnknownField as error:
+        raise NotFlyable(f"{error.args[0][:1].upper()}{error.args[0][1:]}; a rerun needs it.") from error
+
+
+class _Part:
+    """Values of topics at the steps of the rerun."""
+
+    def __init__(self, columns: Columns, t_s: Values) -> None:
+        self.t_s = t_s
+        self.notes: list[str] = []
+        self._columns = columns
+
+    def smooth(self, topic: str, fields: Sequence[str]) -> Values:
+        """(N, k) interpolated; NaN beside a sample that is NaN. Raises UnknownField."""
+        times_s = self._times(topic)
+        columns = [self._column(topic, name) for name in fields]
+        return np.column_stack([_interpolated(self.t_s, times_s, column) for column in columns])
+
+    def held(self, topic: str, field: str) -> Values:
+        """(N,) the last value. Raises UnknownField."""
+        times_s, values = self._times(topic), self._column(topic, field)
+        index = np.searchsorted(times_s, self.t_s, side="right") - 1
+        return values[np.clip(index, 0, len(values) - 1)]
+
+    def optional(self, topic: str, fields: Sequence[str], what: str) -> Values:
+        """(N, k) interpolated; NaN, and a note, without the topic."""
+        try:
+            return self.smooth(topic, fields)
+        except UnknownField:
+            self.notes.append(f"The log has no {topic}, so {what}.")
+            return np.full((len(self.t_s), len(fields)), np.nan)
+
+    def _times(self, topic: str) -> Values:
+        return self._columns.times(f"{topic}:0")
+
+    def _column(self, topic: str, field: str) -> Values:
+        return np.asarray(self._columns.column(f"{topic}:0", field)[0]).astype(np.float64)
+
+
+def _interpolated(t_s: Values, times_s: Values, values: Values) -> Values:
+    finite = np.isfinite(values)
+    if finite.all():
+        return np.interp(t_s, times_s, values)
+    before = np.clip(np.searchsorted(times_s, t_s, side="right") - 1, 0, len(values) - 1)
+    both = finite[before] & finite[np.minimum(before + 1, len(values) - 1)]
+    if not finite.any():
+        return np.full(len(t_s), np.nan)
+    return np.where(both, np.interp(t_s, times_s[finite], values[finite]), values[before])
+
+
+def _three(name: str) -> tuple[str, str, str]:
+    return f"{name}[0]", f"{name}[1]", f"{name}[2]"
+
+
+def _flight(part: _Part, parameters: Mapping[str, float]) -> LoggedFlight:
+    rotors = part.held("actuator_motors", f"control[{MOTOR_COUNT}]")
+    motors = part.smooth("actuator_motors", [f"control[{k}]" for k in range(MOTOR_COUNT)])
+    if np.isfinite(rotors).any():
+        raise NotFlyable("The vehicle has more than four motors; only quadrotors can be flown again.")
+    level = _levels(part)
+    attitude = part.smooth("vehicle_attitude_setpoint", ["thrust_body[2]"])[:, 0]
+    rates = part.smooth("vehicle_rates_setpoint", ["roll", "pitch", "yaw", "thrust_body[2]"])
+    target = part.smooth(
+        "trajectory_setpoint", [*_three("position"), *_three("velocity"), *_three("acceleration")]
+    )
+    yaw = np.unwrap(part.held("trajectory_setpoint", "yaw"))
+    return LoggedFlight(
+        t_s=part.t_s,
+        position_ned_m=part.smooth("vehicle_local_position", ["x", "y", "z"]),
+        velocity_ned_m_s=part.smooth("vehicle_local_position", ["vx", "vy", "vz"]),
+        q_ned_frd=_attitudes(part, "vehicle_attitude", "q"),
+        rates_frd_rad_s=part.smooth("vehicle_angular_velocity", _three("xyz")),
+        angular_acceleration_frd_rad_s2=part.smooth("vehicle_angular_velocity", _three("xyz_derivative")),
+        force_frd_m_s2=part.optional(
+            "vehicle_acceleration", _three("xyz"), "its aircraft and wind cannot be found from it"
+        ),
+        motors=np.clip(np.nan_to_num(motors), 0.0, 1.0),
+        level=level,
+        landed=part.held("vehicle_land_detected", "landed") > 0,
+        target_position_ned_m=target[:, 0:3],
+        target_velocity_ned_m_s=target[:, 3:6],
+        target_acceleration_ned_m_s2=target[:, 6:9],
+        target_yaw_ned_rad=yaw,
+        target_yaw_rate_ned_rad_s=part.smooth("trajectory_setpoint", ["yawspeed"])[:, 0],
+        commanded_acceleration_ned_m_s2=part.optional(
+            "vehicle_local_position_setpoint", _three("acceleration"), "the first seconds differ more"
+        ),
+        target_q_ned_frd=_attitudes(part, "vehicle_attitude_setpoint", "q_d"),
+        target_rates_frd_rad_s=rates[:, :3],
+        thrust=np.where(level == _ATTITUDE, -attitude, -rates[:, 3]),
+        rate_integral=part.optional(
+            "rate_ctrl_status",
+            ["rollspeed_integ", "pitchspeed_integ", "yawspeed_integ"],
+            "the rate controllers start without their integrals",
+        ),
+        hover_thrust=part.optional(
+            "hover_thrust_estimate", ["hover_thrust"], "the hover thrust is the one of MPC_THR_HOVER"
+        )[:, 0],
+        parameters=parameters,
+        notes=tuple(part.notes),
+    )
+
+
+def _attitudes(part: _Part, topic: str, field: str) -> Values:
+    """(N, 4) unit quaternions, interpolated the short way; level where nothing is known."""
+    samples = np.column_stack([part.held(topic, f"{field}[{k}]") for k in range(4)])
+    smooth = part.smooth(topic, [f"{field}[{k}]" for k in range(4)])
+    # Where the sign flips between two samples, the interpolation passes near zero: there the last is held.
+    norm = np.linalg.norm(smooth, axis=1, keepdims=True)
+    q = np.where(norm > 0.9, smooth, samples)
+    norm = np.linalg.norm(q, axis=1, keepdims=True)
+    return np.where(norm > 0.5, q / np.maximum(norm, 1e-9), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def _levels(part: _Part) -> NDArray[np.int64]:
+    def flag(name: str) -> NDArray[np.bool_]:
+        return part.held("vehicle_control_mode", f"flag_{name}") > 0
+
+    trajectory = np.zeros(len(part.t_s), dtype=np.bool_)
+    for name in _TRAJECTORY_FLAGS:
+        trajectory |= flag(f"control_{name}_enabled")
+    level = np.full(len(part.t_s), _MOTORS, dtype=np.int64)
+    level[flag("control_rates_enabled")] = _RATES
+    level[flag("control_attitude_enabled")] = _ATTITUDE
+    level[trajectory] = _TRAJECTORY
+    level[~flag("armed")] = _DISARMED
+    return level
