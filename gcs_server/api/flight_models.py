@@ -236,3 +236,50 @@ class FlightSeries(ResponseBody):
 
     series: list[LogSeries]
     """In the order of the request."""
+
+
+class LogFinding(ResponseBody):
+    """One thing that a log shows."""
+
+    kind: str
+    """Its kind, such as `vibration` or `failsafe`."""
+    title: str
+    """The kind in words."""
+    vehicle: str
+    """MAVLink system id; empty: not known."""
+    severity: Literal["warning", "caution"]
+    """warning: it endangered the flight; caution: look at it before the next one."""
+    begin_s: float
+    """Begin [s since the log's start]."""
+    end_s: float
+    """End."""
+    text: str
+    """What happened."""
+    limit: str
+    """What would be normal, and who says so."""
+    remedy: str
+    """What to do."""
+    panes: list[list[str]]
+    """Fields and expressions that show it, for each pane of plots."""
+
+
+class NotJudged(ResponseBody):
+    """A kind of finding for which a log has no values."""
+
+    kind: str
+    """The kind."""
+    title: str
+    """The kind in words."""
+    vehicle: str
+    """MAVLink system id; empty: not known."""
+    reason: str
+    """What is missing."""
+
+
+class FlightFindings(ResponseBody):
+    """What a log means."""
+
+    findings: list[LogFinding]
+    """The first in time first; at most 20 of each kind."""
+    not_judged: list[NotJudged]
+    """What could not be judged."""

@@ -151,6 +151,14 @@ async def flight_series(
     return Response(body, media_type="application/json")
 
 
+@router.get("/{f}/findings", response_model=m.FlightFindings)
+async def flight_findings(f: str, station: StationDep) -> Response:
+    """What a log means: findings in plain sentences, each with its time, the fields that show it, the limit
+    and its
+    source, and what to do; and what could not be judged, because it is not logged."""
+    return Response(await station.logbook.findings(f), media_type="application/json")
+
+
 @router.delete("/{f}", status_code=204)
 async def delete_flight(
     f: str,

@@ -409,6 +409,7 @@ ALL: tuple[Command, ...] = (
         "GET /flights/{f}",
         "GET /flights/{f}/file",
         "GET /flights/{f}/series",
+        "GET /flights/{f}/findings",
     ),
     _view(
         "maps",

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from gcs_server.logbook.log import Column, Log, Times
+from gcs_server.logbook.log import Column, Kind, Log, Message, Times, Topic, VehicleStates
 
 OVERVIEW, INDEX, VALUES = "overview.json", "columns.json", "columns.bin"
 
@@ -33,6 +33,34 @@ class TopicPlaces(msgspec.Struct, frozen=True):
     fields: dict[str, Place]
 
 
+class _Parameter(msgspec.Struct, frozen=True):
+    name: str
+    value: float | int
+    t_s: float = 0.0
+
+
+class _Dropout(msgspec.Struct, frozen=True):
+    t_s: float
+    duration_s: float
+
+
+class _Overview(msgspec.Struct, frozen=True):
+    """What `overview.py` writes, without the list of topics."""
+
+    kind: Kind
+    start_unix_s: float | None
+    duration_s: float
+    firmware: str | None
+    hardware: str | None
+    vehicles: list[VehicleStates]
+    parameters: list[_Parameter]
+    parameter_changes: list[_Parameter]
+    messages: list[Message]
+    dropouts: list[_Dropout]
+    problems: list[str]
+
+
+_overview_decoder = msgspec.json.Decoder(_Overview)
 Index = dict[str, TopicPlaces]
 _decoder = msgspec.json.Decoder(Index)
 
@@ -101,3 +129,38 @@ class Columns:
 
     def _read(self, place: Place, samples: int) -> Column:
         return np.memmap(self._values, np.dtype(place.dtype), "r", place.offset, (samples,))
+
+
+def load(folder: Path) -> Log:
+    """The log in a folder: its values stay in the file until they are used. Raises OSError if the folder was
+    removed."""
+    overview = _overview_decoder.decode((folder / OVERVIEW).read_bytes())
+    index = _decoder.decode((folder / INDEX).read_bytes())
+    size = (folder / VALUES).stat().st_size
+    values = np.memmap(folder / VALUES, np.uint8, "r") if size else np.empty(0, np.uint8)
+
+    def column(place: Place, samples: int) -> Column:
+        dtype = np.dtype(place.dtype)
+        return values[place.offset : place.offset + samples * dtype.itemsize].view(dtype)
+
+    topics: list[Topic] = []
+    for each, places in index.items():
+        name, _, instance = each.rpartition(":")
+        columns = {field: column(place, places.samples) for field, place in places.fields.items()}
+        units = {field: place.unit for field, place in places.fields.items() if place.unit is not None}
+        times_s = column(places.times, places.samples).astype(np.float64, copy=False)
+        topics.append(Topic(name, instance, times_s, columns, units))
+    return Log(
+        kind=overview.kind,
+        start_unix_s=overview.start_unix_s,
+        duration_s=overview.duration_s,
+        topics=topics,
+        vehicles=overview.vehicles,
+        firmware=overview.firmware,
+        hardware=overview.hardware,
+        parameters={each.name: each.value for each in overview.parameters},
+        parameter_changes=[(each.t_s, each.name, each.value) for each in overview.parameter_changes],
+        messages=overview.messages,
+        dropouts=[(each.t_s, each.duration_s) for each in overview.dropouts],
+        problems=overview.problems,
+    )

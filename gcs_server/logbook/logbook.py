@@ -108,6 +108,14 @@ class Logbook:
         folder = await self._read_folder(file_id)
         return await self._work.plot(folder, fields, from_s, to_s, points)
 
+    async def findings(self, file_id: str) -> bytes:
+        """What a log means, as JSON; of a recording that still grows, as far as it was read.
+
+        Raises:
+            UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
+        """
+        return await self._work.findings(await self._read_folder(file_id))
+
     async def rerun(self, file_id: str, from_s: float, to_s: float, change: Mapping[str, Any]) -> bytes:
         """A part of a flight flown again in simulation, as it was and with a change, as JSON.
 

@@ -54,7 +54,15 @@ def rerun(folder: str, from_s: float, to_s: float, change: dict[str, Any]) -> by
     return msgspec.json.encode(task.run(flight, from_s, task.change_from(change)))
 
 
-TASKS: dict[str, Callable[..., bytes]] = {"read": read, "plot": plot, "rerun": rerun}
+def findings(folder: str) -> bytes:
+    """What the log in a folder means, as JSON. Raises OSError."""
+    from gcs_server.logbook import columns
+    from gcs_server.logbook.findings import table
+
+    return table.encode(columns.load(Path(folder)))
+
+
+TASKS: dict[str, Callable[..., bytes]] = {"read": read, "plot": plot, "findings": findings, "rerun": rerun}
 
 
 def answer_request(request: bytes) -> bytes:

@@ -84,6 +84,16 @@ class LogWork:
         async with self._reruns.turn():
             return await self._run("rerun", arguments)
 
+    async def findings(self, folder: Path) -> bytes:
+        """What a log means, as JSON.
+
+        Raises:
+            LogUnusable: the columns cannot be read.
+            ClientHasTooMany, ServerBusy: too many plots are being read or wait.
+        """
+        async with self._plots.turn():
+            return await self._run("findings", {"folder": str(folder)})
+
     def close(self) -> None:
         """Ends the fork server."""
         self._processes.close()

@@ -103,6 +103,20 @@ def test_an_added_log_is_received_in_parts_plotted_and_deleted(client, data):
     assert "my flight" not in str(entries)
 
 
+def test_a_log_says_what_it_means_also_before_it_was_read(client):
+    flight_id = add(client, "meaning.ulg", ulog(steps=200))
+    answer = client.get(f"{API}/flights/{flight_id}/findings")
+    assert answer.status_code == 200, answer.text
+    (failsafe,) = [each for each in answer.json()["findings"] if each["kind"] == "failsafe"]
+    assert failsafe["text"] == ("Failsafe in Hold: the log does not say why. The vehicle stayed in its mode.")
+    assert (failsafe["begin_s"], failsafe["vehicle"]) == (pytest.approx(10.0), "7")
+    assert failsafe["panes"] == [["vehicle_status:0/nav_state"]]
+    reasons = {each["kind"]: each["reason"] for each in answer.json()["not_judged"]}
+    assert reasons["vibration"] == "The topic vehicle_imu_status is not logged."
+    assert client.get(f"{API}/flights/none/findings").status_code == 404
+    assert delete(client, flight_id).status_code == 204
+
+
 @pytest.mark.parametrize(
     ("field", "words"),
     [

@@ -1233,6 +1233,28 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/flights/{f}/findings": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Flight Findings
+         * @description What a log means: findings in plain sentences, each with its time, the fields that show it, the limit
+         *     and its
+         *     source, and what to do; and what could not be judged, because it is not logged.
+         */
+        readonly get: operations["flight_findings_api_v1_flights__f__findings_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/gimbal/setup": {
         readonly parameters: {
             readonly query?: never;
@@ -6200,6 +6222,22 @@ export interface components {
             readonly read: boolean;
         };
         /**
+         * FlightFindings
+         * @description What a log means.
+         */
+        readonly FlightFindings: {
+            /**
+             * Findings
+             * @description The first in time first; at most 20 of each kind.
+             */
+            readonly findings: readonly components["schemas"]["LogFinding"][];
+            /**
+             * Not Judged
+             * @description What could not be judged.
+             */
+            readonly not_judged: readonly components["schemas"]["NotJudged"][];
+        };
+        /**
          * FlightList
          * @description All files of flights.
          */
@@ -9095,6 +9133,63 @@ export interface components {
             readonly type: string;
         };
         /**
+         * LogFinding
+         * @description One thing that a log shows.
+         */
+        readonly LogFinding: {
+            /**
+             * Kind
+             * @description Its kind, such as `vibration` or `failsafe`.
+             */
+            readonly kind: string;
+            /**
+             * Title
+             * @description The kind in words.
+             */
+            readonly title: string;
+            /**
+             * Vehicle
+             * @description MAVLink system id; empty: not known.
+             */
+            readonly vehicle: string;
+            /**
+             * Severity
+             * @description warning: it endangered the flight; caution: look at it before the next one.
+             * @enum {string}
+             */
+            readonly severity: "warning" | "caution";
+            /**
+             * Begin S
+             * @description Begin [s since the log's start].
+             */
+            readonly begin_s: number;
+            /**
+             * End S
+             * @description End.
+             */
+            readonly end_s: number;
+            /**
+             * Text
+             * @description What happened.
+             */
+            readonly text: string;
+            /**
+             * Limit
+             * @description What would be normal, and who says so.
+             */
+            readonly limit: string;
+            /**
+             * Remedy
+             * @description What to do.
+             */
+            readonly remedy: string;
+            /**
+             * Panes
+             * @description Fields and expressions that show it, for each pane of plots.
+             */
+            readonly panes: readonly (readonly string[])[];
+        };
+        /**
          * LogList
          * @description The logs on a vehicle.
          */
@@ -10547,6 +10642,32 @@ export interface components {
              * @description Size of the file.
              */
             readonly bytes: number;
+        };
+        /**
+         * NotJudged
+         * @description A kind of finding for which a log has no values.
+         */
+        readonly NotJudged: {
+            /**
+             * Kind
+             * @description The kind.
+             */
+            readonly kind: string;
+            /**
+             * Title
+             * @description The kind in words.
+             */
+            readonly title: string;
+            /**
+             * Vehicle
+             * @description MAVLink system id; empty: not known.
+             */
+            readonly vehicle: string;
+            /**
+             * Reason
+             * @description What is missing.
+             */
+            readonly reason: string;
         };
         /**
          * Notice
@@ -21424,6 +21545,65 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["FlightSeries"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly flight_findings_api_v1_flights__f__findings_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FlightFindings"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -159,6 +159,7 @@ const TEXT_FIELDS = new Set([
   'unavailable',
   'refusal',
   'progress',
+  'limit',
 ]);
 /** Documents of persons, and what the vehicle has: sent back as they came. */
 const OWN_FIELDS = new Set(['document', 'plan', 'items', 'steps', 'settings', 'shell', 'log']);

@@ -1,5 +1,6 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
+import { loadFindings, missing, severalVehicles } from './findings';
 import { detailsOf, FlightLibrary, matching, removedText, titleOf, type Flight } from './library.svelte';
 import { LogView, timeText, valueAt, type Overview } from './log-view.svelte';
 import { fieldsOfSet, findFields, labelOf, SETS } from './sets';
@@ -215,5 +216,59 @@ describe('an open log', () => {
     const series = { field: 'x', unit: null, samples: 3, t_s: [1, 2, 3], values: [10, null, 30] };
     expect([0, 1.5, 2.5, 9].map((t_s) => valueAt(series, t_s))).toEqual([null, 10, null, 30]);
     expect([timeText(1.5, null), timeText(123.44, 0)]).toEqual(['1.50 s', expect.stringMatching(/^123\.4 s · \d\d:02:03$/)]);
+  });
+});
+
+describe('findings', () => {
+  const FINDING = {
+    kind: 'vibration',
+    title: 'Vibration',
+    vehicle: '1',
+    severity: 'caution',
+    begin_s: 40,
+    end_s: 44,
+    text: 'The vibration was high.',
+    limit: 'Good below 4.9 m/s².',
+    remedy: 'Balance the propellers.',
+    panes: [['battery_status:0/voltage_v'], [], ['vehicle_local_position:0/x', 'vehicle_local_position:0/y']],
+  } as const;
+
+  it('open the plots that show them, around their time', async () => {
+    const { api, sent } = server((call) => [200, call.includes('series') ? { series: [] } : OVERVIEW]);
+    const log = new LogView(api);
+    await log.open('f1', 'a.ulg');
+    log.showEvidence(FINDING.panes, { from_s: FINDING.begin_s, to_s: FINDING.end_s });
+    expect(log.panes.map(({ fields }) => fields)).toEqual([FINDING.panes[0], FINDING.panes[2]]);
+    expect(log.shown).toEqual({ from_s: 36, to_s: 48 });
+    expect(log.cursor_s).toBe(40);
+    await log.loadSeries();
+    expect(sent.at(-1)?.call).toContain('series');
+  });
+
+  it('keep the plots if nothing logged shows them, and stay within the log', async () => {
+    const log = new LogView(server(() => [200, OVERVIEW]).api);
+    await log.open('f1', 'a.ulg');
+    const before = log.panes;
+    log.showEvidence([[]], { from_s: -1, to_s: 1 });
+    expect(log.panes).toBe(before);
+    expect(log.shown.from_s).toBe(0);
+    expect(log.cursor_s).toBe(0);
+  });
+
+  it('are loaded or say why not', async () => {
+    const found = { findings: [FINDING], not_judged: [] };
+    expect(await loadFindings(server(() => [200, found]).api, 'f1')).toEqual({ findings: found });
+    const problem = { title: 'Gone', detail: 'There is no such flight.', code: 'unknown_flight' };
+    expect(await loadFindings(server(() => [404, problem]).api, 'f1')).toMatchObject({ problem: { title: 'Gone' } });
+  });
+
+  it('name what was not judged once for each reason, and vehicles only of several', () => {
+    const without = (title: string, reason: string) => ({ kind: 'x', title, vehicle: '1', reason });
+    expect(missing([without('Compass', 'A'), without('Load', 'B'), without('Fence', 'A'), without('Compass', 'A')])).toEqual([
+      { reason: 'A', titles: ['Compass', 'Fence'] },
+      { reason: 'B', titles: ['Load'] },
+    ]);
+    expect(severalVehicles([FINDING, FINDING])).toBe(false);
+    expect(severalVehicles([FINDING, { ...FINDING, vehicle: '2' }])).toBe(true);
   });
 });

@@ -114,6 +114,18 @@ export class LogView {
     this.requestSeries();
   }
 
+  /** Shows what proves a statement: these panes in place of the present ones, and the time with as much before and after it. */
+  showEvidence(panes: readonly (readonly string[])[], { from_s, to_s }: Window): void {
+    const filled = panes.filter((fields) => fields.length > 0);
+    if (filled.length > 0) {
+      this.panes = filled.slice(0, MAX_PANES).map((fields) => ({ id: this.nextPane++, fields: fields.slice(0, MAX_FIELDS) }));
+      this.activePane = this.panes[0]?.id ?? 0;
+    }
+    const margin_s = Math.max(2, to_s - from_s);
+    this.zoom({ from_s: from_s - margin_s, to_s: to_s + margin_s });
+    this.cursor_s = Math.max(this.whole.from_s, from_s);
+  }
+
   /** Shows a window, within the log. */
   zoom({ from_s, to_s }: Window): void {
     const { whole } = this;
