@@ -375,7 +375,7 @@ class Server:
 class Page(StaticFiles):
     """The built page: browsers cache files with a hash in their name and always revalidate index.html. A file
     is sent in the smallest compressed form that the build has written and the browser accepts. The page
-    itself is sent in the language of the browser's cookie, if it was built in that language."""
+    itself is sent in the browser's language (`language.py`), if it was built in that language."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         is_page = path in (".", "index.html")
@@ -385,6 +385,7 @@ class Page(StaticFiles):
         response = await super().get_response(path, scope)
         if is_page:
             response.headers.add_vary_header("Cookie")
+            response.headers.add_vary_header("Accept-Language")
         has_hash = path.startswith("assets/")
         response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if has_hash else "no-cache"
         return response

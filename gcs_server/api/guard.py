@@ -77,7 +77,7 @@ class Guard:
             if not self._access.is_token(token):
                 refusal = token_refusal("This token is not valid.", wrong_token=True)
                 self._log_wrong_token(scope, refusal)
-                return sign_in_page(refusal, location)
+                return sign_in_page(refusal, location, head.headers)
         response = RedirectResponse(location, status_code=303, headers={"Cache-Control": "no-store"})
         response.headers["Set-Cookie"] = self._access.cookie(secure=head.secure)
         return response
@@ -99,7 +99,7 @@ def _refusal_response(head: RequestHead, refusal: Refusal) -> Response:
     headers = {"Cache-Control": "no-store"}
     if refusal.status == 401:
         if head.only_reads and "text/html" in head.headers.get("accept", ""):
-            page = sign_in_page(refusal, location_without_token(head.path, head.query))
+            page = sign_in_page(refusal, location_without_token(head.path, head.query), head.headers)
             if head.is_navigation and head.is_cross_site:
                 # A browser does not send the cookie when another site links to this page, but does when the
                 # page reloads.

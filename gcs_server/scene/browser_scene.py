@@ -94,7 +94,7 @@ class BrowserScene:
             self._preview: PreviewNode | None = None
             self._dry_run: list[DryRunNode] = []
             self._terrain: TerrainNode | None = None
-            self._label_layer = LabelLayer(client)
+            self._label_layer = LabelLayer(client, view.language)
             self._compass = [self._compass_label(i, name) for i, name in enumerate(COMPASS)]
 
     def close(self) -> None:

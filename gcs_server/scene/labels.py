@@ -13,6 +13,7 @@ from typing import Literal
 import viser
 
 from gcs_server.scene.moving_node import MovingNode
+from gcs_server.scene.texts import in_language
 from missions.frames import Vector3
 
 Side = Literal["above", "below", "sign"]
@@ -50,21 +51,22 @@ class Label:
         """Moves the label."""
         self._node.place(position_m)
 
-    def html(self) -> str:
-        """HTML for the script that draws the label; empty if there is nothing to show."""
+    def html(self, language: str) -> str:
+        """HTML in a language for the script that draws the label; empty if there is nothing to show."""
         if not self.visible or not self.text:
             return ""
         return (
             f'<i data-gcs-tag="{html.escape(self.name)}" data-gcs-colour="{self.colour}" '
-            f'data-gcs-side="{self._side}" data-gcs-note="{html.escape(self.note)}">'
-            f"{html.escape(self.text)}</i>"
+            f'data-gcs-side="{self._side}" data-gcs-note="{html.escape(in_language(self.note, language))}">'
+            f"{html.escape(in_language(self.text, language))}</i>"
         )
 
 
 class LabelLayer:
-    """The HTML element with all labels of one browser."""
+    """The HTML element with all labels of one browser, in its language."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
+    def __init__(self, client: viser.ClientHandle, language: str) -> None:
+        self._language = language
         self._html = client.gui.add_html("")
         self._sent_text = ""
         self._next_s = 0.0
@@ -86,8 +88,8 @@ class LabelLayer:
                 empty while it is not known.
         """
         attributes = f'data-gcs-mode="{html.escape(mode)}" data-gcs-origin="{html.escape(origin)}"'
-        view = f"<i {attributes}>{html.escape(scale)}</i>"
-        text = view + "".join(label.html() for label in labels)
+        view = f"<i {attributes}>{html.escape(in_language(scale, self._language))}</i>"
+        text = view + "".join(label.html(self._language) for label in labels)
         if text != self._sent_text:
             self._sent_text = text
             self._html.content = text

@@ -25,7 +25,7 @@ _SCRIPT = """
   // viser reads the address of its stream from the query; the address includes the settings of the view.
   const stream = location.origin.replace(/^http/, 'ws') + location.pathname;
   const settings = new URLSearchParams();
-  for (const key of ['view', 'theme', 'mode', 'vehicle'])
+  for (const key of ['view', 'theme', 'language', 'mode', 'vehicle'])
     if (query.has(key)) settings.set(key, query.get(key));
   query.set('websocket', stream + '?' + settings);
   history.replaceState(null, '', '?' + query);

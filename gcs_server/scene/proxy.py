@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 MAX_FROM_BROWSER = 4096
 """Maximum size of a browser's message [bytes]; a camera message has about 300 bytes."""
 MAX_TO_BROWSER = 64 * 1024 * 1024
-QUERY_KEYS = ("view", "theme", "mode", "vehicle")
+QUERY_KEYS = ("view", "theme", "language", "mode", "vehicle")
 
 
 class CameraMessage(

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from gcs_server.clock import Clock
+from gcs_server.language import LANGUAGES
 from gcs_server.scene.browser_scene import BrowserScene
 from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.dry_runs import DryRunMoment, DryRunPath
@@ -133,6 +134,7 @@ class Scene:
             request.mode or earlier.mode,
             request.vehicle or earlier.vehicle,
             request.theme or earlier.theme,
+            earlier.language,
             self._preview(request, earlier),
             self._dry_run(request, earlier),
         )
@@ -212,8 +214,10 @@ class Scene:
         token = query.get("view", "")
         if not TOKEN.fullmatch(token):
             token = f".{client_id}"  # no page can use this token
-        if token not in self._views:
-            self._store_view(token, _view_from_query(query))
+        asked = _view_from_query(query)
+        view = self._views.get(token)
+        # The page may have set the content before its stream began; only the address has the language.
+        self._store_view(token, asked if view is None else replace(view, language=asked.language))
         return token
 
     def _store_view(self, token: str, view: View) -> View:
@@ -234,4 +238,10 @@ def _view_from_query(query: dict[str, str]) -> View:
         if valid_mode == query.get("mode"):
             mode = valid_mode
     theme: Theme = "light" if query.get("theme") == "light" else "dark"
-    return View(mode=mode, vehicle=query.get("vehicle") or None, theme=theme)
+    language = query.get("language", "")
+    return View(
+        mode=mode,
+        vehicle=query.get("vehicle") or None,
+        theme=theme,
+        language=language if language in LANGUAGES else LANGUAGES[0],
+    )

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from gcs_server.language import LANGUAGES
 from gcs_server.scene.dry_runs import DryRunMoment
 from gcs_server.scene.model import GIMBAL_POSITION_M
 from gcs_server.scene.palette import Theme
@@ -53,6 +54,8 @@ class View:
     vehicle: str | None = None
     """Id of the vehicle; None: the first vehicle."""
     theme: Theme = "dark"
+    language: str = LANGUAGES[0]
+    """Language of the labels: one of `LANGUAGES`."""
     preview: Preview | None = None
     dry_run: DryRunMoment | None = None
 

@@ -99,6 +99,22 @@ def test_the_sign_in_page_has_no_scripts_and_loads_nothing(server):
     assert not re.search(r"<script|<link|src=|style=|https?://", response.text)
 
 
+def test_the_sign_in_page_is_german_for_a_german_browser_also_where_the_token_was_wrong(server):
+    german = HTML | {"Accept-Language": "de-CH, de;q=0.9, en;q=0.8"}
+    for response in (
+        server.get("/", headers=german),
+        server.get("/?token=wrong", headers=german),
+        server.get("/", headers=german | {"Cookie": "gcs-token=wrong"}),
+        server.post("/sign-in", data={"token": "wrong"}, headers=german | {"Origin": URL}),
+    ):
+        assert response.status_code == 401
+        assert '<html lang="de">' in response.text
+        assert "Anmelden" in response.text
+        assert "not valid" not in response.text
+        assert "Accept-Language" in response.headers["vary"]
+    assert "not valid" in server.get("/?token=wrong", headers=german | {"Cookie": "gcs-language=en"}).text
+
+
 def test_a_too_long_sign_in_form_is_refused(server):
     body = f"token={server.token}&more={'x' * 5000}"
     response = server.post("/sign-in", content=body, headers={"Origin": URL})

@@ -71,24 +71,33 @@ def test_a_cached_file_is_not_sent_again(client):
 
 
 @pytest.mark.parametrize(
-    ("cookie", "title"),
+    ("cookie", "accepted", "title"),
     [
-        ("gcs-language=de", "Seite"),
-        ("other=1; gcs-language=de", "Seite"),
-        ("gcs-language=en", "page"),
-        ("gcs-language=fr", "page"),
-        ("gcs-language=../../de", "page"),
-        ("gcs-language", "page"),
-        ("=;;gcs-language=\x01", "page"),
-        ("", "page"),
+        ("gcs-language=de", "en", "Seite"),
+        ("other=1; gcs-language=de", "", "Seite"),
+        ("gcs-language=en", "de", "page"),
+        ("gcs-language=fr", "", "page"),
+        ("gcs-language=../../de", "", "page"),
+        ("gcs-language", "", "page"),
+        ("=;;gcs-language=\x01", "", "page"),
+        ("", "", "page"),
+        ("", "de", "Seite"),
+        ("", "de-AT,de;q=0.9,en;q=0.8", "Seite"),
+        ("", "en-US,en;q=0.9,de;q=0.8", "page"),
+        ("", "fr;q=0.9, DE ; q=0.2", "Seite"),
+        ("", "fr, de;q=0", "page"),
+        ("gcs-language=fr", "de", "Seite"),
+        ("", "de;q=" + "9" * 500 + ",\x01;;=", "page"),
     ],
 )
-def test_the_page_is_sent_in_the_language_of_the_browsers_cookie(client, cookie, title):
+def test_the_page_is_sent_in_the_language_that_a_person_chose_or_else_the_browser_prefers(
+    client, cookie, accepted, title
+):
     for path in ("/", "/index.html"):
-        response = client.get(path, headers={"Cookie": cookie})
+        response = client.get(path, headers={"Cookie": cookie, "Accept-Language": accepted})
         assert f"<title>{title}</title>" in response.text
         assert response.headers["cache-control"] == "no-cache"
-        assert response.headers["vary"] == "Accept-Encoding, Cookie"
+        assert response.headers["vary"] == "Accept-Encoding, Cookie, Accept-Language"
 
 
 @pytest.mark.parametrize(

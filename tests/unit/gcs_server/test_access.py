@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from starlette.datastructures import Headers
 
 from gcs_server.api.access import (
     SIGN_IN_PATH,
@@ -18,6 +19,7 @@ from gcs_server.api.access import (
     local_path,
 )
 from gcs_server.api.sign_in_page import FOLDER, sign_in_page
+from gcs_server.language import LANGUAGES
 
 TOKEN = "correct-horse-battery"
 LOOPBACK_ONLY = Access(loopback_only=True, token=None)
@@ -263,6 +265,9 @@ def test_the_sign_in_page_uses_the_pages_colours():
 
 def test_the_sign_in_page_escapes_its_texts():
     refusal = Refusal(401, "token_wrong", "", "<script>", wrong_token=True)
-    text = bytes(sign_in_page(refusal, '/"><script>alert(1)</script>').body).decode()
-    assert "<script" not in text
-    assert "&lt;script&gt;" in text
+    for language in LANGUAGES:
+        headers = Headers({"Accept-Language": language})
+        text = bytes(sign_in_page(refusal, '/"><script>alert(1)</script>', headers).body).decode()
+        assert f'<html lang="{language}">' in text
+        assert "<script" not in text
+        assert "&lt;script&gt;" in text

@@ -48,6 +48,7 @@ describe('the 3D view', () => {
     const urls = ['1', '2'].map((vehicle) => stage.sceneUrl(request(vehicle)));
     expect(new Set(urls.map((url) => url.split('#')[0]))).toEqual(new Set(['/scene/']));
     expect(urls[1]).toContain('vehicle=2');
+    expect(urls[1]).toContain('language=en');
   });
 });
 

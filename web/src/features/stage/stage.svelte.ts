@@ -2,6 +2,7 @@
 
 import { covered } from '../../app/covered-edges.svelte';
 import { randomId } from '../../app/identity';
+import { readLanguage } from '../../app/language';
 import { freeAreaOffset } from '../../app/covered-edges.svelte';
 import type { Camera } from '../../app/services';
 import type { SceneDryRun, ScenePreview } from '../../app/preview.svelte';
@@ -116,7 +117,7 @@ class StageState {
 
   /** The iframe's URL with its initial state behind the #, so that the browser downloads the 3D view once for all states. */
   sceneUrl(request: SceneRequest): string {
-    const query = new URLSearchParams({ view: this.viewId, mode: request.mode, theme: request.theme });
+    const query = new URLSearchParams({ view: this.viewId, mode: request.mode, theme: request.theme, language: readLanguage() });
     if (request.vehicle !== null) query.set('vehicle', request.vehicle);
     return `${SCENE_URL}#${query}`;
   }
