@@ -31,7 +31,7 @@ AREAS: tuple[tuple[str, re.Pattern[str]], ...] = (
 )
 """Catalog by path; a sentence that several have is in the first."""
 SILENT_FILES = re.compile(
-    r"/(client|examples|generated_\w+|reference|sign_in|scene)/|/(cli|__main__|key_command|doctor|schema|described|settings|"
+    r"/(client|examples|generated_\w+|reference|sign_in|scene)/|/(cli|__main__|key_command|doctor|schema|sign_in_page|described|settings|"
     r"generated_dialect|palette|shapes|encodings|http_protocol|parser)\.py$"
 )
 """Command lines, the Python client, descriptions of the API: nothing of them is shown on the page."""

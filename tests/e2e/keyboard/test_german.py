@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, expect
 
 from tests.e2e.browser import open_page
 from tests.e2e.fast_station import Station
-from tests.e2e.keyboard.german import IS_COMPLETE, choose_german, clipped_texts, english_texts, german
+from tests.e2e.keyboard.german import choose_german, clipped_texts, english_texts, german
 from tests.e2e.keyboard.tab_order import close_all, views_and_panels
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
@@ -17,7 +17,6 @@ pytestmark = [pytest.mark.browser, pytest.mark.story]
 SIZES = [(1280, 800), (1024, 768), (390, 844)]
 
 
-@pytest.mark.skipif(not IS_COMPLETE, reason="the German catalogs are not complete")
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_every_view_and_panel_is_german_and_has_room_for_it(
     browser: Browser, flying_station: Station, size: tuple[int, int]
@@ -45,9 +44,7 @@ def test_every_view_and_panel_is_german_and_has_room_for_it(
     assert found == {}
 
 
-def test_the_page_opens_in_the_chosen_language_also_before_all_is_translated(
-    browser: Browser, flying_station: Station
-) -> None:
+def test_the_page_opens_in_the_chosen_language(browser: Browser, flying_station: Station) -> None:
     with open_page(browser, flying_station.url, scene=False) as page:
         choose_german(page)
         expect(page.locator(".pill b")).to_have_text(german("Holding"))

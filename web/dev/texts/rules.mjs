@@ -16,10 +16,11 @@ const MACHINE_CALLS =
 const SAME =
   /\b(m|km|cm|mm|ft|s|ms|min|h|Hz|kHz|kB|MB|GB|px|deg|rad|V|A|W|Wh|ha|mAh|rpm|hPa|dB|NED|FRD|ENU|WGS84|AMSL|MAVLink|PX4|ROS|QGroundControl|GPS|RTK|UTM|UDP|TCP|JSON|CSV|KML)\b/g;
 
-/** The text without holes, units and names. */
+/** The text without holes, units and names; what a hole chooses is text. */
 const words = (text) =>
   text
-    .replace(/\{\d+(\?[^{}]*)?\}/g, ' # ')
+    .replace(/\{\d+\?([^{}:]*):([^{}]*)\}/g, ' $1 $2 ')
+    .replace(/\{\d+\}/g, ' # ')
     .replace(/<\/?\d+\/?>/g, ' ')
     .replace(SAME, ' ');
 

@@ -6,6 +6,13 @@
 /** An English sentence, with `{0}` for each value, and its translation. */
 export type ServerTextEntry = readonly [english: string, translation: string];
 
+/** A part of a text that the page shows. */
+export interface TextPart {
+  readonly text: string;
+  /** Whether it is not in the page's language. */
+  readonly isForeign: boolean;
+}
+
 interface Template {
   /** What stands between the holes, and the number of the hole after each. */
   readonly literals: readonly string[];
@@ -23,7 +30,8 @@ const MAX_KEPT = 2000;
 /** Letters that the fixed parts of a template have at least, unless its values are known. */
 const STRONG_LETTERS = 8;
 /** Where texts are joined: sentences, and the parts of a list. */
-const SEPARATORS = [/(?<=[.!?…]) (?=\P{Ll})/u, /; /, /, | and /];
+const SENTENCE_END = /(?<=[.!?…]) (?=\P{Ll})/u;
+const SEPARATORS = [SENTENCE_END, /; /, /, | and /];
 
 function toTemplate([english, translation]: ServerTextEntry): Template {
   const parts = english.split(HOLE);
@@ -59,6 +67,8 @@ export class ServerTexts {
   /** The template of which most is fixed comes first. */
   private readonly templates: readonly Template[];
   private readonly kept = new Map<string, string>();
+  /** Texts and sentences that were looked up in vain: the vehicle's own words. */
+  private readonly foreign = new Set<string>();
 
   constructor(entries: readonly ServerTextEntry[]) {
     const isTemplate = ([english]: ServerTextEntry): boolean => english.search(HOLE) >= 0;
@@ -73,10 +83,23 @@ export class ServerTexts {
   text(english: string): string {
     const kept = this.kept.get(english);
     if (kept !== undefined) return kept;
-    const result = this.find(english, 0) ?? english;
-    if (this.kept.size >= MAX_KEPT) this.kept.clear();
+    if (this.kept.size >= MAX_KEPT) {
+      this.kept.clear();
+      this.foreign.clear();
+    }
+    const found = this.find(english, 0);
+    if (found === null) this.foreign.add(english);
+    const result = found ?? english;
     this.kept.set(english, result);
     return result;
+  }
+
+  /** The parts of a text that was looked up, in order: the page's language, and what stayed as it was. */
+  partsOf(text: string): readonly TextPart[] {
+    if (this.foreign.has(text)) return [{ text, isForeign: true }];
+    const sentences = text.split(SENTENCE_END);
+    if (!sentences.some((sentence) => this.foreign.has(sentence))) return [{ text, isForeign: false }];
+    return sentences.map((sentence, n) => ({ text: n === 0 ? sentence : ` ${sentence}`, isForeign: this.foreign.has(sentence) }));
   }
 
   /** @returns null: no part of the text is known. */
@@ -92,7 +115,9 @@ export class ServerTexts {
       const parts = text.split(separator);
       if (parts.length === 1) continue;
       const found = parts.map((part) => this.find(part, depth + 1));
-      if (found.some((part) => part !== null)) return this.joined(text, separator, parts, found);
+      if (!found.some((part) => part !== null)) continue;
+      if (n === 0) for (const [i, part] of parts.entries()) if (found[i] === null) this.foreign.add(part);
+      return this.joined(text, separator, parts, found);
     }
     return null;
   }
@@ -160,6 +185,23 @@ const TEXT_FIELDS = new Set([
   'refusal',
   'progress',
   'limit',
+  'if_stream_stops',
+  'if_link_lost',
+  'assumed',
+  'cautions',
+  'ended',
+  'facts_problem',
+  'fix',
+  'left_out',
+  'limited',
+  'no_resume',
+  'not_compared',
+  'not_known',
+  'outputs_problem',
+  'stopped',
+  'unreadable',
+  'unusable',
+  'why_not',
 ]);
 /** Documents of persons, and what the vehicle has: sent back as they came. */
 const OWN_FIELDS = new Set(['document', 'plan', 'items', 'steps', 'settings', 'shell', 'log']);
@@ -170,7 +212,9 @@ export function withTexts<T>(data: T, texts: ServerTexts): T {
     if (typeof value === 'string') return isText ? texts.text(value) : value;
     if (Array.isArray(value)) return typeof value[0] === 'number' ? value : value.map((one) => visit(one, isText));
     if (typeof value !== 'object' || value === null || Object.getPrototypeOf(value) !== Object.prototype) return value;
-    return Object.fromEntries(Object.entries(value).map(([name, one]) => [name, OWN_FIELDS.has(name) ? one : visit(one, TEXT_FIELDS.has(name))]));
+    // A mode has its name in the API and a label; other labels are of the vehicle's metadata. The readiness' `words` say whose words it has.
+    const isShown = (name: string): boolean => TEXT_FIELDS.has(name) || (name === 'label' && 'mode' in value) || (name === 'words' && 'after_s' in value);
+    return Object.fromEntries(Object.entries(value).map(([name, one]) => [name, OWN_FIELDS.has(name) ? one : visit(one, isShown(name))]));
   };
   return visit(data, false) as T;
 }
@@ -183,6 +227,13 @@ let texts: ServerTexts | null = null;
 export function useServerTexts(entries: readonly ServerTextEntry[]): void {
   texts = new ServerTexts(entries);
 }
+
+/** The parts of a text that the server sent, for `app/ServerText.svelte`. */
+export const partsOf = (text: string): readonly TextPart[] => (__LANGUAGE__ === 'en' || texts === null ? [{ text, isForeign: false }] : texts.partsOf(text));
+
+/** The language of a text that is not in the page's language; undefined: it is. */
+export const foreignLanguageOf = (text: string): 'en' | undefined =>
+  __LANGUAGE__ !== 'en' && texts?.partsOf(text).every((part) => part.isForeign) === true ? 'en' : undefined;
 
 /** What the server sent, with its texts in the page's language. */
 export const inPageLanguage = <T>(data: T): T => (__LANGUAGE__ === 'en' || texts === null ? data : withTexts(data, texts));

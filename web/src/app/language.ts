@@ -1,15 +1,13 @@
 /**
  * The page's language. Each language is a build of its own (`dev/texts/plugin.mjs`), so that English pays nothing for the others.
- * The choice is a cookie, not local storage: the server reads it and sends the page and the sign-in page of that language.
+ * The choice is a cookie, not local storage: the server reads it and sends the page and the
+ * sign-in page of that language; without a choice, those of the browser's own language.
  */
 
 export type Language = 'en' | 'de';
 
 /** The languages, by their own names. */
 export const LANGUAGES: Readonly<Record<Language, string>> = { en: 'English', de: 'Deutsch' };
-
-/** Whether no screen shows an English word (`tests/e2e/keyboard/test_german.py`). Until then, nobody is offered German: delete this constant, and what asks for it, when that test passes. */
-export const GERMAN_IS_COMPLETE: boolean = false;
 
 const COOKIE = 'gcs-language';
 const YEAR_S = 31_536_000;

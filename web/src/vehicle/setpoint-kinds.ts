@@ -72,7 +72,7 @@ function axes(
   step: number,
   scales: readonly [number, number, number] = [1, 1, 1],
 ): Axis[] {
-  return labels.map((label, i) => ({ key: `${prefix}${i}`, label, unit: (label === 'Up' ? VERTICAL[unit] : undefined) ?? unit, step, scale: scales[i] ?? 1 }));
+  return labels.map((label, i) => ({ key: `${prefix}${i}`, label, unit: (i === 2 ? VERTICAL[unit] : undefined) ?? unit, step, scale: scales[i] ?? 1 }));
 }
 
 const NEU: readonly [string, string, string] = ['North', 'East', 'Up'];

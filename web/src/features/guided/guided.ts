@@ -395,8 +395,8 @@ export function progressOf({ draft, at }: Accepted, facts: VehicleFacts, leader:
       if (mode !== 'orbit' || facts.orbit === null) return { text: `The orbit has ended: the vehicle is in ${label}.`, ended: true };
       const { radius_m, clockwise } = facts.orbit.value;
       const away_m = groundDistance_m(facts.orbit.value, position);
-      const direction = clockwise ? 'clockwise' : 'counter-clockwise';
-      return { text: `Orbit of ${shortText('length', radius_m)}, ${direction}: ${lengthText(away_m)} from the centre.`, ended: false };
+      const directionText = clockwise ? 'clockwise' : 'counter-clockwise';
+      return { text: `Orbit of ${shortText('length', radius_m)}, ${directionText}: ${lengthText(away_m)} from the centre.`, ended: false };
     }
     default: {
       if (mode !== 'hold') return { text: `Interrupted: the vehicle is in ${label}.`, ended: true };

@@ -4,7 +4,6 @@
  */
 
 import { unitText } from '../../ui/units';
-import { inSentence } from '../../app/language';
 import { FIELDS } from '../../api/fields';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { FlightClock } from '../../live/flight-time';
@@ -57,7 +56,6 @@ const UNITS: readonly [string, string, number, number][] = [
 const VERTICAL = /(^|_)(alt|climb|vertical|height)_/;
 const VERTICAL_QUANTITY: Readonly<Record<string, string>> = { length: 'height', speed: 'climb' };
 const NED_AXIS_WORDS = ['north', 'east', 'down'] as const;
-const FRD_AXIS_WORDS = ['roll', 'pitch', 'yaw'] as const;
 
 const GROUP_LABELS: Readonly<Record<string, string>> = {
   status: 'Vehicle',
@@ -77,24 +75,33 @@ const GROUP_LABELS: Readonly<Record<string, string>> = {
   mission: 'Mission',
   obstacle_distance: 'Obstacle sensor',
   wind: 'Wind',
+  orbit: 'Orbit',
 };
-/** Labels of fields whose names are not clear enough. */
+/** Labels of fields; of a vector in NED, the label without its axis. */
 const LABELS: Readonly<Record<string, string>> = {
   'status.mode_label': 'Mode',
   'status.landed_state': 'Landed state',
   'status.armed': 'Armed',
   'status.last_heartbeat_age_s': 'Heartbeat age',
+  'attitude.roll_rad': 'Roll',
+  'attitude.pitch_rad': 'Pitch',
   'attitude.yaw_ned_rad': 'Yaw',
+  'local_position.position_ned_m': 'Local',
+  'local_position.velocity_ned_m_s': 'Local velocity',
   'global_position.lat_deg': 'Latitude',
   'global_position.lon_deg': 'Longitude',
   'global_position.alt_amsl_m': 'Altitude AMSL',
   'global_position.alt_home_m': 'Above home',
+  'global_position.velocity_ned_m_s': 'Velocity',
+  'global_position.heading_deg': 'Heading',
+  'gps.satellites': 'Satellites',
   'gps.hdop': 'HDOP',
   'gps.horizontal_accuracy_m': 'GPS accuracy',
   'gps.fix_type': 'GPS fix type',
   'home.lat_deg': 'Home latitude',
   'home.lon_deg': 'Home longitude',
   'home.alt_amsl_m': 'Home altitude AMSL',
+  'home.position_ned_m': 'Home position',
   'battery.remaining_percent': 'Battery charge',
   'battery.time_remaining_s': 'Battery time left',
   'battery.voltage_v': 'Battery voltage',
@@ -104,6 +111,14 @@ const LABELS: Readonly<Record<string, string>> = {
   'gimbal.yaw_ned_rad': 'Gimbal yaw, from north',
   'gimbal.pitch_rad': 'Gimbal pitch',
   'gimbal.roll_rad': 'Gimbal roll',
+  'gimbal.yaw_lock': 'Gimbal yaw lock',
+  'gimbal.pitch_min_rad': 'Gimbal pitch, minimum',
+  'gimbal.pitch_max_rad': 'Gimbal pitch, maximum',
+  'gimbal.yaw_min_rad': 'Gimbal yaw, minimum',
+  'gimbal.yaw_max_rad': 'Gimbal yaw, maximum',
+  'target_local.position_ned_m': 'Target position',
+  'target_local.velocity_ned_m_s': 'Target velocity',
+  'target_local.acceleration_ned_m_s2': 'Target acceleration',
   'target_local.yaw_ned_rad': 'Target yaw',
   'target_local.yaw_rate_ned_rad_s': 'Target yaw rate',
   'target_attitude.thrust': 'Target thrust',
@@ -123,7 +138,28 @@ const LABELS: Readonly<Record<string, string>> = {
   'obstacle_distance.step_deg': 'Obstacle sensor angle increment',
   'obstacle_distance.range_min_m': 'Obstacle sensor minimum range',
   'obstacle_distance.range_max_m': 'Obstacle sensor maximum range',
+  'wind.wind_ned_m_s': 'Wind towards',
   'wind.speed_m_s': 'Wind speed',
+  'orbit.lat_deg': 'Orbit latitude',
+  'orbit.lon_deg': 'Orbit longitude',
+  'orbit.alt_amsl_m': 'Orbit altitude AMSL',
+  'orbit.radius_m': 'Orbit radius',
+  'orbit.clockwise': 'Orbit clockwise',
+};
+/** Labels of the elements of lists, and of vectors in the vehicle's own axes. The grid does not offer other lists, for example the sectors of an obstacle sensor. */
+const ELEMENT_LABELS: Readonly<Record<string, readonly string[]>> = {
+  'attitude.rates_frd_rad_s': ['Roll rate', 'Pitch rate', 'Yaw rate'],
+  'target_attitude.rates_frd_rad_s': ['Target roll rate', 'Target pitch rate', 'Target yaw rate'],
+  'battery.cell_voltages_v': [1, 2, 3, 4, 5, 6].map((n) => `Cell ${n}`),
+  'motors.pwm_us': [1, 2, 3, 4, 5, 6, 7, 8].map((n) => `Motor ${n}`),
+};
+/** Values of fields that are words of the API. */
+const VALUE_WORDS: Readonly<Record<string, string>> = {
+  on_ground: 'on the ground',
+  in_air: 'in the air',
+  taking_off: 'taking off',
+  landing: 'landing',
+  unknown: 'unknown',
 };
 /** Fields that the grid does not offer, for example bit masks, ids and quaternions. */
 const HIDDEN_FIELDS = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
@@ -132,17 +168,19 @@ const INTEGER_FIELDS = new Set(['satellites', 'fix_type', 'current', 'count', 'r
 const ITEM_NUMBER_FIELDS = new Set(['mission.current', 'mission.reached']);
 const LAT_LON = /^(lat|lon)_deg$/;
 
-/** How a field is displayed, from its name: unit, factor to that unit, decimals and label. */
-function fieldFormat(field: string): { unit: string; factor: number; decimals: number; label: string } {
+/** How a field is displayed, from its name: unit, factor to that unit, and decimals. */
+function fieldFormat(field: string): { unit: string; factor: number; decimals: number } {
   const entry = UNITS.find(([suffix]) => field.endsWith(suffix));
-  const label = (entry === undefined ? field : field.slice(0, -entry[0].length)).replace(/_(ned|frd)$/, '').replaceAll('_', ' ');
-  return { unit: entry?.[1] ?? '', factor: entry?.[2] ?? 1, decimals: entry?.[3] ?? 1, label: label.charAt(0).toUpperCase() + label.slice(1) };
+  return { unit: entry?.[1] ?? '', factor: entry?.[2] ?? 1, decimals: entry?.[3] ?? 1 };
 }
+
+const YES_TEXT = 'yes';
+const NO_TEXT = 'no';
 
 function plainText(value: unknown, factor: number, decimals: number): string {
   if (typeof value === 'number') return fixed(value * factor, Number.isInteger(value) && factor === 1 && decimals === 1 ? 0 : decimals);
-  if (typeof value === 'boolean') return value ? 'yes' : 'no';
-  return typeof value === 'string' && value !== '' ? value.replaceAll('_', ' ') : UNKNOWN;
+  if (typeof value === 'boolean') return value ? YES_TEXT : NO_TEXT;
+  return typeof value === 'string' && value !== '' ? (VALUE_WORDS[value] ?? value.replaceAll('_', ' ')) : UNKNOWN;
 }
 
 function fieldQuantity(topic: string, field: string, index: number | null, label: string): Quantity {
@@ -172,39 +210,13 @@ function fieldQuantity(topic: string, field: string, index: number | null, label
   };
 }
 
-/** Lists whose elements have names. The grid does not offer other lists, for example the sectors of an obstacle sensor. */
-const LISTS: Readonly<Record<string, { name: string; count: number }>> = { battery: { name: 'Cell', count: 6 }, motors: { name: 'Motor', count: 8 } };
-
-/** Label of an angular rate, for example "Roll rate" or "Target yaw rate". */
-function rateLabel(topic: string, axis: string): string {
-  const label = `${topic.startsWith('target') ? 'target ' : ''}${axis} rate`;
-  return label.charAt(0).toUpperCase() + label.slice(1);
-}
-
-const PREFIX_LABELS: Readonly<Record<string, string>> = { home: 'Home', local_position: 'Local' };
-/** Label of a field that says which of the topics it is from, for example "Home altitude". */
-function labelInTopic(topic: string, kind: string, label: string): string {
-  if (topic === 'wind' && kind === 'vector3') return 'Wind towards';
-  if (topic === 'local_position' && label === 'Position') return 'Local';
-  const prefix = topic.startsWith('target') ? 'Target' : PREFIX_LABELS[topic];
-  return prefix === undefined ? label : `${prefix} ${inSentence(label)}`;
-}
-
 function topicQuantities(topic: string, fields: Readonly<Record<string, string>>): Quantity[] {
   return Object.entries(fields).flatMap(([field, kind]): Quantity[] => {
     if (HIDDEN_FIELDS.test(field)) return [];
-    const { label } = fieldFormat(field);
-    const defaultLabel = labelInTopic(topic, kind, label);
-    if (kind === 'vector3') {
-      const axes = field.includes('_frd') ? FRD_AXIS_WORDS : NED_AXIS_WORDS;
-      return axes.map((axis, i) => fieldQuantity(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${defaultLabel} ${axis}`));
-    }
-    if (kind === 'list') {
-      const list = LISTS[topic];
-      return list === undefined ? [] : Array.from({ length: list.count }, (_, i) => fieldQuantity(topic, field, i, `${list.name} ${i + 1}`));
-    }
-    if (kind.startsWith('vector')) return [];
-    return [fieldQuantity(topic, field, null, LABELS[`${topic}.${field}`] ?? defaultLabel)];
+    const label = LABELS[`${topic}.${field}`] ?? field.replaceAll('_', ' ');
+    const elements = ELEMENT_LABELS[`${topic}.${field}`] ?? (kind === 'vector3' ? NED_AXIS_WORDS.map((axis) => `${label} ${axis}`) : []);
+    if (kind === 'list' || kind.startsWith('vector')) return elements.map((element, i) => fieldQuantity(topic, field, i, element));
+    return [fieldQuantity(topic, field, null, label)];
   });
 }
 

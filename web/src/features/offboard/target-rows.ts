@@ -15,6 +15,13 @@ export interface TargetRow {
   increaseText: string;
 }
 
+/** Directions of a step that decreases and of one that increases the value of each axis. */
+const STEP_WORDS: readonly (readonly [string, string])[] = [
+  ['south', 'north'],
+  ['west', 'east'],
+  ['down', 'up'],
+];
+
 /**
  * Rows for north, east, up and yaw.
  * @param yaw_deg clockwise from north, 0 to 360.
@@ -27,17 +34,17 @@ export function targetRows(
   yaw_deg: number | null,
   steps: { distance: string; yaw_deg: number },
 ): TargetRow[] {
-  const row = (name: string, title: string, quantity: string, value_m: number | null, negative: string, positive: string): TargetRow => ({
+  const row = (name: string, title: string, quantity: string, value_m: number | null, axis: number): TargetRow => ({
     name,
     title,
     ...shown(quantity, value_m),
-    decreaseText: `${steps.distance} ${negative}`,
-    increaseText: `${steps.distance} ${positive}`,
+    decreaseText: `${steps.distance} ${STEP_WORDS[axis]?.[0]}`,
+    increaseText: `${steps.distance} ${STEP_WORDS[axis]?.[1]}`,
   });
   return [
-    row(names[0], 'North of the local origin', 'length', north_m, 'south', 'north'),
-    row(names[1], 'East of the local origin', 'length', east_m, 'west', 'east'),
-    row(names[2], 'Altitude above the local origin', 'height', down_m === null ? null : -down_m, 'down', 'up'),
+    row(names[0], 'North of the local origin', 'length', north_m, 0),
+    row(names[1], 'East of the local origin', 'length', east_m, 1),
+    row(names[2], 'Altitude above the local origin', 'height', down_m === null ? null : -down_m, 2),
     {
       name: 'Yaw',
       title: 'Yaw from north',

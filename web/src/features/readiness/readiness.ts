@@ -31,6 +31,38 @@ export interface ModeRow {
   reason: string;
 }
 
+/** Names of PX4's health components, by their names in the API. */
+export const COMPONENT_NAMES: Readonly<Record<string, string>> = {
+  barometer: 'barometer',
+  'airspeed sensor': 'airspeed sensor',
+  GPS: 'GPS',
+  'optical flow': 'optical flow',
+  vision: 'vision',
+  'distance sensor': 'distance sensor',
+  transmitter: 'transmitter',
+  motors: 'motors',
+  'traffic management': 'traffic management',
+  logging: 'logging',
+  battery: 'battery',
+  links: 'links',
+  'rate control': 'rate control',
+  'attitude control': 'attitude control',
+  'position control': 'position control',
+  'attitude estimate': 'attitude estimate',
+  'position estimate': 'position estimate',
+  mission: 'mission',
+  'obstacle avoidance': 'obstacle avoidance',
+  system: 'system',
+  camera: 'camera',
+  gimbal: 'gimbal',
+  payload: 'payload',
+  'global position': 'global position',
+  storage: 'storage',
+  parachute: 'parachute',
+  compass: 'compass',
+  accelerometer: 'accelerometer',
+  gyro: 'gyro',
+};
 const INFO: SeverityName = { label: '', fullName: 'Note', tone: 'dim', shape: 'dot' };
 const SEVERITIES: Readonly<Record<string, SeverityName>> = {
   error: { label: 'Error', fullName: 'Error', tone: 'danger', shape: 'square' },

@@ -79,6 +79,7 @@ export class MapEngine {
       fadeDuration: 0,
       clickTolerance: 5,
       refreshExpiredTiles: false,
+      locale: { 'Map.Title': MAP_TITLE },
     });
     this.layers = editable ? new LayerPainter(this.map) : null;
     const canvas = this.map.getCanvas();
@@ -206,6 +207,8 @@ export class MapEngine {
 }
 
 export const BACKGROUND_ID = 'ground';
+/** The canvas's name for screen readers. */
+const MAP_TITLE = 'Map';
 const SHADES_ID = 'tiles-shades';
 
 export function mapStyle(palette: Palette): StyleSpecification {

@@ -51,14 +51,15 @@ export interface RequestedTargets {
 
 /** The position from which the map shows distances, and its name in texts. */
 export interface DistanceReference extends GeoPosition {
-  name: 'home' | 'vehicle' | 'first point';
+  name: string;
 }
+const REFERENCE_NAMES = { home: 'home', vehicle: 'vehicle', firstPoint: 'first point' } as const;
 
 /** The vehicle's home, or else its position; without a vehicle, the first point of the edited layer. */
 export function distanceReference(facts: VehicleFacts | null, firstPoint: GeoPosition | null): DistanceReference | null {
-  if (facts === null) return firstPoint === null ? null : { ...firstPoint, name: 'first point' };
-  if (facts.home !== null) return { ...facts.home.value, name: 'home' };
-  return facts.globalPosition === null ? null : { ...facts.globalPosition.value, name: 'vehicle' };
+  if (facts === null) return firstPoint === null ? null : { ...firstPoint, name: REFERENCE_NAMES.firstPoint };
+  if (facts.home !== null) return { ...facts.home.value, name: REFERENCE_NAMES.home };
+  return facts.globalPosition === null ? null : { ...facts.globalPosition.value, name: REFERENCE_NAMES.vehicle };
 }
 
 /**

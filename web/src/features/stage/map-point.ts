@@ -135,11 +135,11 @@ export function altitudeInRange(value_m: number): number | null {
   return Number.isFinite(value_m) ? Math.min(ALTITUDE_RANGE_M.max, Math.max(ALTITUDE_RANGE_M.min, value_m)) : null;
 }
 
-const COMPASS = ['north', 'north-east', 'east', 'south-east', 'south', 'south-west', 'west', 'north-west'];
+const COMPASS_WORDS = ['north of', 'north-east of', 'east of', 'south-east of', 'south of', 'south-west of', 'west of', 'north-west of'];
 
-/** Distance and direction to a position: "34 m north-east". */
+/** Distance and direction to a position: "34 m north-east of". */
 export function directionText(from: GeoPosition, to: GeoPosition): string {
-  const direction = COMPASS[Math.round(bearing_rad(from, to) / (Math.PI / 4) + 8) % 8] ?? 'north';
+  const direction = COMPASS_WORDS[Math.round(bearing_rad(from, to) / (Math.PI / 4) + 8) % 8];
   return `${distanceText(groundDistance_m(from, to))} ${direction}`;
 }
 

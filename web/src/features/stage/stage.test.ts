@@ -173,8 +173,8 @@ describe('actions at a map point', () => {
   });
   it('have a distance, and a flight time if the speeds are known', () => {
     const speeds = { horizontal_m_s: 5, up_m_s: 3, down_m_s: 1.5 };
-    expect(directionText(HERE, EAST_30)).toBe('30.0 m east');
-    expect(directionText(HERE, positionAt(HERE, { east_m: -5, north_m: 5 }))).toBe('7.1 m north-west');
+    expect(directionText(HERE, EAST_30)).toBe('30.0 m east of');
+    expect(directionText(HERE, positionAt(HERE, { east_m: -5, north_m: 5 }))).toBe('7.1 m north-west of');
     expect(flightTime_s(facts(), EAST_30, 12, speeds)).toBeCloseTo(6, 1);
     expect(flightTime_s(facts(), EAST_30, 42, speeds)).toBeCloseTo(10, 1);
     expect(flightTime_s(facts(), EAST_30, 0, speeds)).toBeCloseTo(8, 1);

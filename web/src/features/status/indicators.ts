@@ -18,6 +18,16 @@ export interface Indicator {
   details: [string, string][];
 }
 
+/** By the component's kind in the API. */
+const COMPONENT_NAMES: Readonly<Record<string, string>> = {
+  gimbal: 'Gimbal',
+  camera: 'Camera',
+  companion: 'Companion computer',
+  'ground station': 'Ground station',
+};
+const CONNECTED_TEXT = 'connected';
+const WEAK_TEXT = 'weak';
+
 /** Packet loss above which the link is shown as weak [%]. */
 const WEAK_PERCENT = 5;
 /** Texts by MAVLink's GPS_FIX_TYPE. */
@@ -104,9 +114,9 @@ export function componentLines(components: readonly Component[], now_unix_s: num
   return components
     .filter((component) => component.kind !== 'autopilot')
     .map((component) => [
-      `${component.kind === 'other' ? 'Component' : component.kind[0]?.toUpperCase() + component.kind.slice(1)} ${component.component_id}`,
+      `${COMPONENT_NAMES[component.kind] ?? 'Component'} ${component.component_id}`,
       !component.lost
-        ? 'connected'
+        ? CONNECTED_TEXT
         : component.last_heard_unix_s === null
           ? 'connection lost'
           : `connection lost ${ageText(now_unix_s - component.last_heard_unix_s)} ago`,
@@ -141,8 +151,8 @@ export function linkIndicator(
     label: 'Link',
     stale: false,
     age_s: heartbeatAge_s,
-    text: lost ? `lost ${Math.round(heartbeatAge_s)} s ago` : (text ?? 'connected'),
-    problem: isWeak ? 'weak' : '',
+    text: lost ? `lost ${Math.round(heartbeatAge_s)} s ago` : (text ?? CONNECTED_TEXT),
+    problem: isWeak ? WEAK_TEXT : '',
     severity: lost ? 'danger' : isWeak ? 'caution' : 'none',
     details: [['Last heartbeat', `${fixed(heartbeatAge_s, 1)} s ago`], ...details],
   };

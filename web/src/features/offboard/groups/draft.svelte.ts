@@ -17,7 +17,7 @@ import {
   setpointsFor,
   startBody,
   startTexts,
-  motionText,
+  groupText,
   type Draft,
   type SetpointsResult,
   type FieldErrors,
@@ -86,7 +86,7 @@ class GroupDraft {
   }
 
   private async sendAndLog(members: readonly string[], fields: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
-    const lineId = editor.recordSent('group', { type: `Group of ${joinNames(members)}: ${motionText(fields)}` });
+    const lineId = editor.recordSent('group', { type: groupText(joinNames(members), fields) });
     const outcome = await send();
     editor.recordOutcome(lineId, outcome, null);
     if (outcome.ok) {

@@ -147,6 +147,11 @@ const DIRECTION_WORDS: readonly (readonly [string, string])[] = [
   ['up', 'down'],
 ];
 
+/** A group's setpoint as a line of the sent ones. @param names of its vehicles, joined */
+export function groupText(names: string, draft: Draft): string {
+  return `Group of ${names}: ${motionText(draft)}`;
+}
+
 /** The motion as text, for example "move 5.0 m north, 2.0 m down". */
 export function motionText(draft: Draft): string {
   const parts = typedVector(draft)

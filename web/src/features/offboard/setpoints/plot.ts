@@ -16,6 +16,8 @@ export interface PlotColours {
 /** Smallest range of the vertical axis, by unit or quantity (`ui/units.ts`), so that the plot does not magnify noise. */
 const MIN_RANGES: Readonly<Record<string, number>> = { length: 1, height: 1, speed: 0.5, climb: 0.5, '°': 4 };
 
+const NOW_TEXT = 'now';
+
 export class AxisPlot {
   private readonly plot: uPlot;
 
@@ -48,7 +50,7 @@ export class AxisPlot {
             size: 20,
             gap: 3,
             splits: () => [-60, -40, -20, 0],
-            values: (_, splits) => splits.map((s) => (s === 0 ? 'now' : `${s} s`.replace('-', '−'))),
+            values: (_, splits) => splits.map((s) => (s === 0 ? NOW_TEXT : `${s} s`.replace('-', '−'))),
           },
           {
             stroke: colours.text,

@@ -82,7 +82,7 @@ export function previewText(preview: SetpointPreview, facts: VehicleFacts): stri
   const distance_m = Math.hypot(n, e);
   const { text, unit } = distance(distance_m);
   const parts = [
-    distance_m < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `away after ${EXTRAPOLATION_S} s at this velocity` : 'away'}`,
+    distance_m < 0.05 ? 'at the current position' : `${text} ${unit} away${preview.isExtrapolated ? ` after ${EXTRAPOLATION_S} s at this velocity` : ''}`,
   ];
   if (Math.abs(d) >= 0.05) parts.push(`${heightText(Math.abs(d))} ${d < 0 ? 'above' : 'below'} the vehicle`);
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;

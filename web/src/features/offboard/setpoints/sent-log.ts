@@ -67,21 +67,24 @@ export class SentLog {
 
 const DEG_PER_RAD = 180 / Math.PI;
 
-const NEU = ['N', 'E', 'up'] as const;
-const FRU = ['forward', 'right', 'up'] as const;
+const NEU_WORDS = ['N', 'E', 'up'] as const;
+const FRU_WORDS = ['forward', 'right', 'up'] as const;
+const RATE_WORDS = ['roll', 'pitch', 'yaw'] as const;
 
 /** Quantities (`ui/units.ts`) along the ground and of up. */
 const VERTICAL: Readonly<Record<string, readonly [string, string]>> = { length: ['length', 'height'], speed: ['speed', 'climb'] };
 
-/** Three values with the names of the axes. The given vector points down; if the third axis is named `up`, its sign is inverted. */
-function vectorText(value: unknown, unit: string, [first, second, third]: readonly [string, string, string], note = ''): string | null {
+/** Three values with the names of the axes. The third value of a given vector points down, and is shown up; rates are shown as they are. */
+function vectorText(value: unknown, unit: string, words: readonly [string, string, string], note = ''): string | null {
   if (!Array.isArray(value)) return null;
+  const [first, second, third] = words;
+  const isUp = words !== RATE_WORDS;
   const [x, y, z] = value as (number | null)[];
   const text = (quantity: string, v: number | null | undefined): string => shown(quantity, v).text;
-  const [ahead, up] = third === 'up' ? (VERTICAL[unit] ?? [unit, unit]) : [unit, unit];
+  const [ahead, up] = isUp ? (VERTICAL[unit] ?? [unit, unit]) : [unit, unit];
   const upUnit = unitText(up) === unitText(ahead) ? '' : ` ${unitText(up)}`;
   const [aheadUnit, endUnit] = upUnit === '' ? ['', ` ${unitText(ahead)}`] : [` ${unitText(ahead)}`, upUnit];
-  return `${first} ${text(ahead, x)} ${second} ${text(ahead, y)}${aheadUnit} ${third} ${text(up, z == null ? z : third === 'up' ? -z : z)}${endUnit}${note}`;
+  return `${first} ${text(ahead, x)} ${second} ${text(ahead, y)}${aheadUnit} ${third} ${text(up, z == null ? z : isUp ? -z : z)}${endUnit}${note}`;
 }
 
 function numberText(value: unknown, format: (v: number) => string): string | null {
@@ -91,22 +94,22 @@ function numberText(value: unknown, format: (v: number) => string): string | nul
 /** A setpoint as a short line, in the form's units: altitudes and climb positive up, angles in degrees. */
 export function setpointText(setpoint: Readonly<Record<string, unknown>>): string {
   const parts = [
-    vectorText(setpoint['position_ned_m'], 'length', NEU, ' from local origin'),
-    vectorText(setpoint['offset_frd_m'], 'length', FRU),
+    vectorText(setpoint['position_ned_m'], 'length', NEU_WORDS, ' from local origin'),
+    vectorText(setpoint['offset_frd_m'], 'length', FRU_WORDS),
     numberText(setpoint['lat_deg'], (v) => v.toFixed(6)),
     numberText(setpoint['lon_deg'], (v) => v.toFixed(6)),
     numberText(setpoint['alt_home_m'], (v) => `${heightText(v)} above home`),
     numberText(setpoint['alt_amsl_m'], (v) => `${heightText(v)} AMSL`),
-    vectorText(setpoint['velocity_ned_m_s'], 'speed', NEU),
-    vectorText(setpoint['velocity_frd_m_s'], 'speed', FRU),
-    vectorText(setpoint['acceleration_ned_m_s2'], 'm/s²', NEU),
+    vectorText(setpoint['velocity_ned_m_s'], 'speed', NEU_WORDS),
+    vectorText(setpoint['velocity_frd_m_s'], 'speed', FRU_WORDS),
+    vectorText(setpoint['acceleration_ned_m_s2'], 'm/s²', NEU_WORDS),
     numberText(setpoint['roll_rad'], (v) => `roll ${fixed(v * DEG_PER_RAD, 0)}°`),
     numberText(setpoint['pitch_rad'], (v) => `pitch ${fixed(v * DEG_PER_RAD, 0)}°`),
     Array.isArray(setpoint['rates_frd_rad_s'])
       ? vectorText(
           (setpoint['rates_frd_rad_s'] as number[]).map((v) => v * DEG_PER_RAD),
           '°/s',
-          ['roll', 'pitch', 'yaw'],
+          RATE_WORDS,
         )
       : null,
     typeof setpoint['vehicle'] === 'string' ? `from vehicle ${setpoint['vehicle']}` : null,

@@ -218,7 +218,7 @@ const velocityRows: RowSpec = (step) => {
       name: `velocity-${axis}`,
       label: String(label),
       type: 'number',
-      unit: label === 'Up' ? 'climb' : 'speed',
+      unit: axis === 2 ? 'climb' : 'speed',
       step: 0.5,
       min: -50,
       max: 50,
