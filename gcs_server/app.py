@@ -39,12 +39,16 @@ from gcs_server.control.journal import Journal
 from gcs_server.control.lease import LeaseTimes
 from gcs_server.encodings import SUFFIXES, accepted_encodings
 from gcs_server.errors import GcsError
+from gcs_server.flights.flight_notes import FlightNotes
 from gcs_server.flights.flights import Flights
 from gcs_server.flights.resume import ProgressStore
 from gcs_server.language import language_of
 from gcs_server.links.names import shown_url
+from gcs_server.logbook.decisions import Decisions
+from gcs_server.logbook.joined_flights import JoinedFlights
 from gcs_server.logbook.library import Library, Removed
 from gcs_server.logbook.logbook import Logbook
+from gcs_server.logbook.notes import NotesStore
 from gcs_server.logbook.work import LogWork
 from gcs_server.maps.sources import USUAL_ELEVATION, MapSources
 from gcs_server.maps.tiles import Tiles, elevation_fault
@@ -227,6 +231,7 @@ class Server:
         )
         hub.set_replays_source(replays.all)
         hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)
+        self.flight_notes = self._flight_notes(clock)
         self._collect_warnings()
 
     def _logbook(
@@ -245,10 +250,26 @@ class Server:
             self.fleet.events.add("flight_removed", clock.unix_s(), text, severity=MAV_SEVERITY_NOTICE)
             station.journal.add("server", "flights/delete", None, {}, "ok", text, 0.0)
 
-        library = Library(folder.flight_index, folder.recordings, folder.logs)
-        work = LogWork(authority.controls_any)
-        max_bytes = round(settings.flights_gb * 1e9)
-        return Logbook(clock, library, work, folder.cache / "flights", max_bytes, in_use, report)
+        return Logbook(
+            clock,
+            Library(folder.flight_index, folder.recordings, folder.logs),
+            LogWork(authority.controls_any),
+            JoinedFlights(NotesStore(folder.flight_notes), Decisions(folder.flight_decisions)),
+            folder.cache / "flights",
+            round(settings.flights_gb * 1e9),
+            in_use,
+            report,
+            lambda: self.flight_notes.any_flying(),
+        )
+
+    def _flight_notes(self, clock: Clock) -> FlightNotes:
+        logbook, journal = self.station.logbook, self.station.journal
+        store = logbook.joined.notes
+        notes = FlightNotes(
+            clock, self.fleet, self.router, self.flights, store, journal.of_vehicle, logbook.read_unasked
+        )
+        self.fleet.on_vehicle_removed(notes.detach)
+        return notes
 
     def _scene(self, clock: Clock) -> SceneProcess:
         events, result_of = self._events, self.flights.dry_runs.body
@@ -311,6 +332,7 @@ class Server:
                 self._link_errors.append(Notice("link", text, link=displayed_url))
         self.streamer.start(self.supervisor)
         self.flights.start()
+        self.flight_notes.start(self.supervisor)
         self.station.authority.start()
         self.supervisor.start("room for flights", self.station.logbook.run)
         if self.scene is not None:
@@ -324,6 +346,7 @@ class Server:
     async def stop(self) -> None:
         """Stops all parts: puts vehicles with a setpoint stream into Hold first, stops the simulator last."""
         await self._stop_streams()
+        await asyncio.to_thread(self.flight_notes.close)
         await self.station.operations.close()
         self.flights.close()
         self.streamer.close()

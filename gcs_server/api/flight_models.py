@@ -6,7 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from gcs_server.api.offboard_mission_models import FlownMissionModel
+from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody, StrictBody, example
+from gcs_server.logbook.logged_flights import LoggedFlight
 from gcs_server.logbook.uploads import MAX_BYTES
 
 
@@ -65,6 +68,139 @@ class FlightFile(ResponseBody):
     """Whether the log has been read in its present version."""
 
 
+FlightInLog = model_of(LoggedFlight)
+
+
+class FlightPart(ResponseBody):
+    """What one log, or the server's own notes, know of a flight."""
+
+    id: str
+    """Id of the part."""
+    file: str | None
+    """Id of the log; null: notes of this server."""
+    source: Literal["recording", "vehicle", "file", "notes"]
+    """Recorded by the server, downloaded from the vehicle, added by a person, or noted by this server."""
+    offset_s: float
+    """What is added to times of this log to get those of the main one [s]."""
+    begin_s: float
+    """Arming [s since the log's start]."""
+    end_s: float
+    """Disarming, or the log's end."""
+    why: str | None
+    """Why the part belongs to the flight; null for the only part."""
+
+
+class UnsurePart(ResponseBody):
+    """A part of another flight that could belong to this one, but not surely; a person may join it."""
+
+    part: str
+    """Id of the part."""
+    why: str
+    """Why it was not joined."""
+
+
+class JoinedFlight(ResponseBody):
+    """One flight of one vehicle, from arming to disarming."""
+
+    id: str
+    """Id; the ids of all its parts are accepted."""
+    name: str | None
+    """Name that a person has given; null: none."""
+    vehicle: str
+    """MAVLink system id; empty: not known."""
+    start_unix_s: float | None
+    """Arming [s since 1970 UTC]; null: not known."""
+    duration_s: float
+    """Time armed [s]."""
+    distance_m: float | None
+    """Length of the flown path over ground; null: not known."""
+    height_m: float | None
+    """Greatest height above the place of arming; null: not known."""
+    modes: list[str]
+    """Modes in the order in which they were first flown."""
+    failsafes: int
+    """Number of times in which the vehicle was in a failsafe."""
+    ended: Literal["landed", "disarmed", "disarmed_in_air", "log_ends"]
+    """How it ended: disarmed on the ground, disarmed (not known where), disarmed in the air, or not known
+    because all logs end before."""
+    plan: str | None
+    """Name of the flown plan or program; null: none, or it has no name."""
+    parts: list[FlightPart]
+    """The main one, on whose time the others are shown, first."""
+    unsure: list[UnsurePart]
+    """What could belong to the flight as well."""
+
+
+class FlightName(StrictBody):
+    """A name for a flight."""
+
+    model_config = example(name="Bridge survey, second try")
+
+    name: Annotated[str, Field(max_length=100)]
+    """The name; empty takes it away."""
+
+
+class PartDecision(StrictBody):
+    """Joins a part of another flight to a flight, or separates one of its parts."""
+
+    model_config = example(part="0123456789abcdef-0", joined=False)
+
+    part: Annotated[str, Field(min_length=1, max_length=60)]
+    """Id of the part."""
+    joined: bool
+    """True joins it, with its whole flight; false separates it."""
+
+
+class FlightCommand(ResponseBody):
+    """A command to the vehicle, as in the journal."""
+
+    t_s: float
+    """Time on the main log [s]."""
+    unix_s: float
+    """Time [s since 1970 UTC]."""
+    client: str
+    """Who gave it."""
+    command: str
+    """The command."""
+    result: str
+    """`ok`, or the code of the error."""
+    detail: str | None
+    """Text of the error; null: none."""
+
+
+class FlownPlan(ResponseBody):
+    """The plan or program that was flown."""
+
+    kind: Literal["waypoint_plan", "offboard_mission"]
+    """Its kind."""
+    name: str | None
+    """Its name; null: it has none, or is not stored."""
+    id: str | None
+    """Id of the stored plan; null: not stored on this server."""
+    version: int | None
+    """Its version; null: not stored."""
+    dry_run: str | None
+    """Id of the dry run with which the flight was compared; null: none."""
+    begin_s: float
+    """Time on the main log of the comparison's start [s]."""
+    flown: FlownMissionModel | None  # type: ignore[valid-type]
+    """The flight compared with its plan; null: it was not compared."""
+
+
+class FlightRecord(ResponseBody):
+    """A flight with what this server noted of it."""
+
+    flight: JoinedFlight
+    """The flight."""
+    plan: FlownPlan | None
+    """The plan or program that was flown; null: none that this server knows."""
+    commands: list[FlightCommand]
+    """Commands to its vehicle from two minutes before arming, oldest first; those of other vehicles are left
+    out."""
+    parameters: list[LogParameter]
+    """Parameters that the server knew at arming, by name."""
+
+
 class RemovedFlight(ResponseBody):
     """A file that was deleted to make room."""
 
@@ -77,10 +213,12 @@ class RemovedFlight(ResponseBody):
 
 
 class FlightList(ResponseBody):
-    """All files of flights."""
+    """All flights, and all files of flights."""
 
-    flights: list[FlightFile]
+    flights: list[JoinedFlight]
     """The newest first."""
+    files: list[FlightFile]
+    """Recordings and logs, the newest first; also those without a flight."""
     total_bytes: int
     """Size of all files."""
     max_bytes: int
@@ -137,6 +275,8 @@ class LogVehicle(ResponseBody):
 
     id: str
     """MAVLink system id; empty: not known."""
+    uid: str | None
+    """Hexadecimal uid of the autopilot; null: not known."""
     modes: list[LogSpan]
     """Flight modes."""
     armed: list[LogSpan]
@@ -200,6 +340,8 @@ class FlightOverview(ResponseBody):
     """The vehicle's board; null: not known."""
     vehicles: list[LogVehicle]
     """The vehicles of the log."""
+    flights: list[FlightInLog]  # type: ignore[valid-type]
+    """The flights in the log, oldest first."""
     topics: list[LogTopic]
     """Topics with their fields, by name."""
     parameters: list[LogParameter]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from fastapi import Query, Request, Response
@@ -11,18 +12,20 @@ from pydantic import Field
 
 from gcs_server.api import flight_models as m
 from gcs_server.api.authorized import authorized_command
+from gcs_server.api.joined_views import joined_view, record_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.control.commands import BY_NAME
-from gcs_server.errors import LogUnusable, Refused
+from gcs_server.errors import InvalidRequest, LogUnusable, Refused
 from gcs_server.logbook.library import LogFile
 from gcs_server.logbook.names import ULOG
 from gcs_server.logbook.uploads import MAX_PART_BYTES, Upload
 from gcs_server.operations.operations import ReportProgress
 from gcs_server.replay.catalogue import RecordingInfo
+from missions.values import hidden_character
 
 router = Routes(prefix="/flights", tags=["flights"], responses=RESPONSES)
 
@@ -39,16 +42,17 @@ _FIELD = (
 
 @router.get("", response_model=m.FlightList)
 async def list_flights(station: StationDep) -> Response:
-    """All recordings and logs, newest first, and what was deleted to make room."""
+    """All flights with the recordings and logs of each, and what was deleted to make room."""
     logbook = station.logbook
-    files = await logbook.files()
+    joined, files = await logbook.flights()
     infos = {info.name: info for info in await station.replays.recordings()}
     removed = await asyncio.to_thread(logbook.library.removed)
-    flights = [_view(file, infos.get(file.path.name)) for file in files]
-    flights.sort(key=lambda flight: flight["start_unix_s"] or flight["added_unix_s"], reverse=True)
+    views = [_view(file, infos.get(file.path.name)) for file in files]
+    views.sort(key=lambda view: view["start_unix_s"] or view["added_unix_s"], reverse=True)
     return json_response(
         {
-            "flights": flights,
+            "flights": [joined_view(flight) for flight in joined],
+            "files": views,
             "total_bytes": sum(file.size_bytes for file in files),
             "max_bytes": logbook.max_bytes,
             "removed": removed,
@@ -122,6 +126,38 @@ async def show_flight(f: str, station: StationDep, principal: PrincipalDep) -> R
     return Response(await logbook.overview(f), media_type="application/json")
 
 
+@router.get("/{f}/joined", response_model=m.FlightRecord)
+async def show_joined(f: str, station: StationDep) -> Response:
+    """A flight, by the id of any of its parts, with what this server noted of it: the plan or program that
+    was flown and how it compared, commands to its vehicle, parameters at arming."""
+    flight = await station.logbook.flight(f)
+    return json_response(await asyncio.to_thread(record_view, flight, station.logbook.joined.notes))
+
+
+@router.post("/{f}/name", response_model=m.JoinedFlight)
+async def name_flight(f: str, body: m.FlightName, station: StationDep, principal: PrincipalDep) -> Response:
+    """Names a flight; an empty name takes it away."""
+    with authorized_command(station, principal, "flights/name", None, {"flight": f}):
+        name = body.name.strip()
+        if (hidden := hidden_character(name)) is not None:
+            raise InvalidRequest("name", f"The name has the character {hidden}, which is not shown.")
+        logbook = station.logbook
+        flight = await _on_disk(logbook.joined.set_name, await logbook.files(), f, name or None)
+    return json_response(joined_view(flight))
+
+
+@router.post("/{f}/parts", response_model=m.JoinedFlight)
+async def decide_part(f: str, body: m.PartDecision, station: StationDep, principal: PrincipalDep) -> Response:
+    """Joins a part of another flight to this one, or separates one of its parts, which is then a flight of
+    its own. This decision is kept, whatever comes in later."""
+    arguments: dict[str, object] = {"flight": f, **body.model_dump()}
+    with authorized_command(station, principal, "flights/join", None, arguments):
+        logbook = station.logbook
+        decide = partial(logbook.joined.decide, joined=body.joined)
+        flight = await _on_disk(decide, await logbook.files(), f, body.part)
+    return json_response(joined_view(flight))
+
+
 @router.get("/{f}/file", response_class=FileResponse, responses=_FILE)
 async def flight_file(f: str, station: StationDep) -> Response:
     """The file itself."""
@@ -168,10 +204,11 @@ async def delete_flight(
         str, Query(max_length=100, description="Exactly `flight {id} is deleted`, with the id of the flight.")
     ] = "",
 ) -> Response:
-    """Deletes a recording or log on the server; refused while it is being recorded or replayed."""
+    """Deletes a recording or log, by its id, or a flight with the files that have no other flight; refused
+    while one of them is being recorded or replayed."""
     with authorized_command(station, principal, "flights/delete", None, {"flight": f, "confirm": confirm}):
         BY_NAME["flights/delete"].require_confirmation(confirm, flight=f)
-        await station.logbook.delete(f)
+        await (station.logbook.delete_flight if "-" in f else station.logbook.delete)(f)
     return Response(status_code=204)
 
 
@@ -211,11 +248,11 @@ def _view(file: LogFile, info: RecordingInfo | None) -> dict[str, Any]:
         "firmware": summary.get("firmware"),
         "problem": summary.get("problem"),
         "running": False,
-        "read": file.summary is not None,
+        "read": file.is_current,
     }
     if info is not None and file.source == "recording":
         view["running"] = info.running
-        if file.summary is None:
+        if not file.is_current:
             view |= {
                 "start_unix_s": info.started_unix_s,
                 "duration_s": info.duration_s,

@@ -322,6 +322,8 @@ ALL: tuple[Command, ...] = (
         ("POST /flights/uploads/{u}", "DELETE /flights/uploads/{u}"),
         journaled=False,
     ),
+    Command("flights/name", "replay", ("POST /flights/{f}/name",)),
+    Command("flights/join", "replay", ("POST /flights/{f}/parts",)),
     Command(
         "flights/delete",
         "replay",
@@ -407,6 +409,7 @@ ALL: tuple[Command, ...] = (
         "GET /replays/{name}/index",
         "GET /flights",
         "GET /flights/{f}",
+        "GET /flights/{f}/joined",
         "GET /flights/{f}/file",
         "GET /flights/{f}/series",
         "GET /flights/{f}/findings",

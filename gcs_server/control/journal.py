@@ -175,6 +175,15 @@ class Journal:
         entries = [*self._commands.tail, *self._refusals.tail]
         return sorted(entries, key=lambda entry: entry.unix_s)[: -limit - 1 : -1]
 
+    def of_vehicle(self, vehicle: str, begin_unix_s: float, end_unix_s: float) -> list[dict[str, object]]:
+        """The commands to one vehicle between two times, oldest first, as far as they are in memory; also
+        those that were refused."""
+        return [
+            asdict(entry)
+            for entry in reversed(self.tail(TAIL_LENGTH + REFUSED_TAIL_LENGTH))
+            if entry.vehicle == vehicle and begin_unix_s <= entry.unix_s <= end_unix_s
+        ]
+
     def flush(self) -> None:
         """Writes all waiting lines, and returns when they are written; a write error becomes `warning`."""
         self._end_repeats(all_now=True)

@@ -53,7 +53,9 @@ class LogFile:
     version: Version
     added_unix_s: float
     summary: dict[str, Any] | None
-    """What was read of this version; None: not read yet."""
+    """What was read of it; None: not read yet."""
+    is_current: bool
+    """Whether `summary` is that of this version; a recording grows while it is written."""
 
     @property
     def size_bytes(self) -> int:
@@ -251,10 +253,10 @@ class Library:
         except OSError:
             return None
         version = (status.st_size, status.st_mtime_ns)
-        is_current = version_text is not None and tuple(json.loads(version_text)) == version
-        return LogFile(
-            file_id, source, path, version, added_unix_s, json.loads(summary) if is_current else None
-        )
+        read = None if version_text is None else tuple(json.loads(version_text))
+        grown = source == "recording" and read is not None and read[0] <= version[0]
+        known = json.loads(summary) if read == version or grown else None
+        return LogFile(file_id, source, path, version, added_unix_s, known, read == version)
 
     def _rows(self, statement: str, *values: object) -> list[tuple[Any, ...]]:
         """Runs a statement; a damaged index is made again once."""

@@ -74,6 +74,8 @@ class VehicleStates:
     modes: list[Span] = field(default_factory=list[Span])
     armed: list[Span] = field(default_factory=list[Span])
     failsafe: list[Span] = field(default_factory=list[Span])
+    uid: str | None = None
+    """Hexadecimal uid of the autopilot; None: not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,8 @@ class Log:
     """Time and duration of each gap in which the vehicle could not write."""
     problems: list[str] = field(default_factory=list[str])
     """What of the file is missing or damaged, as sentences."""
+    start_boot_s: float | None = None
+    """ULog: the start by the vehicle's clock [s since its boot]."""
 
 
 def clean_text(text: str) -> str:

@@ -6,13 +6,15 @@ import asyncio
 import contextlib
 import json
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from gcs_server.clock import Clock
-from gcs_server.errors import LogUnusable, Refused
+from gcs_server.errors import GcsError, LogUnusable, Refused
+from gcs_server.logbook.joined_flights import Flight, JoinedFlights
 from gcs_server.logbook.library import Library, LogFile, Removed
+from gcs_server.logbook.notes import NotesHead
 from gcs_server.logbook.uploads import Uploads
 from gcs_server.logbook.work import LogWork
 
@@ -21,7 +23,11 @@ CACHE_BYTES = 4_000_000_000
 needed."""
 CHECK_PERIOD_S = 60.0
 _OVERVIEW = "overview.json"
-_SUMMARY = ("kind", "start_unix_s", "duration_s", "firmware")
+_SUMMARY = ("kind", "start_unix_s", "duration_s", "firmware", "flights")
+FORMAT = 2
+"""Version of what is kept of a log that was read; a log of another version is read again."""
+MAX_UNASKED_BYTES = 200_000_000
+"""A larger log is read only when a person opens it."""
 
 
 class Logbook:
@@ -31,10 +37,12 @@ class Logbook:
         clock: the server's clock.
         library: the files.
         work: reads logs.
+        joined: joins files and notes to flights.
         cache: folder of the columns of logs that have been read.
         max_bytes: size of all files; then the oldest are deleted.
         in_use: returns the files that are being recorded or replayed.
         on_removed: called with each file that was deleted to make room.
+        is_busy: returns whether a vehicle flies; logs that nobody has opened are then not read.
     """
 
     def __init__(
@@ -42,18 +50,23 @@ class Logbook:
         clock: Clock,
         library: Library,
         work: LogWork,
+        joined: JoinedFlights,
         cache: Path,
         max_bytes: int,
         in_use: Callable[[], frozenset[Path]],
         on_removed: Callable[[Removed], None],
+        is_busy: Callable[[], bool] = lambda: False,
     ) -> None:
-        self.library, self.max_bytes = library, max_bytes
+        self.library, self.joined, self.max_bytes = library, joined, max_bytes
         self.uploads = Uploads(clock, library)
         self._clock = clock
         self._work = work
         self._cache = cache
         self._in_use = in_use
         self._on_removed = on_removed
+        self._is_busy = is_busy
+        self._ended: set[str] = set()
+        """Names of the recordings in which flights have ended that were not read yet."""
         self._locks: dict[str, asyncio.Lock] = {}
         """Locks of the files that are being read."""
 
@@ -63,6 +76,52 @@ class Logbook:
         while True:
             await self.make_room()
             await self._clock.sleep(CHECK_PERIOD_S)
+            await self.read_unasked(())
+            await self._read_new()
+
+    async def flights(self) -> tuple[list[Flight], list[LogFile]]:
+        """All flights and all files, the newest first."""
+        files = await self.files()
+        return await asyncio.to_thread(self.joined.flights, files), files
+
+    async def flight(self, flight_id: str) -> Flight:
+        """One flight, by the id of any of its parts. Raises UnknownFlight."""
+        return await asyncio.to_thread(self.joined.find, await self.files(), flight_id)
+
+    async def delete_flight(self, flight_id: str) -> None:
+        """Deletes a flight: its notes, and the files that have no other flight.
+
+        Raises:
+            UnknownFlight: there is no such flight.
+            Refused: a file is in use or cannot be deleted, or all of them have other flights.
+        """
+        flight = await self.flight(flight_id)
+        others = {
+            part.file
+            for other in (await self.flights())[0]
+            if other.id != flight.id
+            for part in other.joined.parts
+        }
+        own = [file for file in flight.files.values() if file.id not in others]
+        if flight.files and not own:
+            raise Refused(
+                "The flight is part of a recording with other flights.",
+                remedy="Delete the recording with all its flights.",
+            )
+        for file in own:
+            await self.delete(file.id)
+        for head in flight.notes:
+            await asyncio.to_thread(self.joined.notes.delete, head.id)
+
+    async def read_unasked(self, names: Iterable[str]) -> None:
+        """Reads recordings in which a flight has ended, so that the list says more of it."""
+        self._ended |= set(names)
+        if self._is_busy():
+            return  # `run` reads them when all have landed
+        names, self._ended = self._ended, set()
+        for file in await self.files():
+            if file.source == "recording" and file.path.name in names and not file.is_current:
+                await self._read_unasked(file)
 
     async def files(self) -> list[LogFile]:
         """All files, the newest first."""
@@ -159,6 +218,31 @@ class Logbook:
         )
         for each in removed:
             self._on_removed(each)
+        await asyncio.to_thread(self._drop_notes)
+
+    def _drop_notes(self) -> None:
+        """Notes last as long as their recordings, or as another file of their flight."""
+        files = self.library.files(self._clock.unix_s())
+        kept = {head.id for flight in self.joined.flights(files) if flight.files for head in flight.notes}
+        kept |= {head.id for head in self.joined.notes.heads() if _is_new(head, self._clock.unix_s())}
+        recordings = {file.path.name for file in files if file.source == "recording"}
+        self.joined.notes.drop_unrecorded(recordings, kept)
+
+    async def _read_new(self) -> None:
+        """Reads logs that nobody has opened, one at a time, while no vehicle flies."""
+        in_use = self._in_use()
+        for file in await self.files():
+            known = file.summary or {}
+            if file.path in in_use or (file.is_current and ("flights" in known or "problem" in known)):
+                continue
+            if self._is_busy():
+                return
+            await self._read_unasked(file)
+
+    async def _read_unasked(self, file: LogFile) -> None:
+        if file.size_bytes <= MAX_UNASKED_BYTES:
+            with contextlib.suppress(GcsError):  # the list says what is wrong with it
+                await self.overview(file.id)
 
     def close(self) -> None:
         """Ends the process that reads logs, and closes the index."""
@@ -178,7 +262,7 @@ class Logbook:
         return overview
 
     def _folder(self, file: LogFile) -> Path:
-        return self._cache / f"{file.id}-{file.version[0]}-{file.version[1]}"
+        return self._cache / f"{file.id}-{file.version[0]}-{file.version[1]}-{FORMAT}"
 
     async def _read_folder(self, file_id: str) -> Path:
         """The columns of a log, which is read if it was not yet."""
@@ -211,6 +295,12 @@ class Logbook:
             if folder != kept:
                 shutil.rmtree(folder, ignore_errors=True)
                 total -= sizes[folder]
+
+
+def _is_new(head: NotesHead, unix_s: float) -> bool:
+    """Whether notes may be of a flight that goes on, or has just ended."""
+    begin_s = head.flight.begin_unix_s
+    return begin_s is None or unix_s - begin_s - head.flight.duration_s < 2 * CHECK_PERIOD_S
 
 
 def _read_overview(folder: Path) -> bytes | None:

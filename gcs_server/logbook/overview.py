@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from gcs_server.logbook.log import MAX_MESSAGES, Log, Topic
+from gcs_server.logbook.logged_flights import flights_of
 
 
 def overview(log: Log) -> dict[str, Any]:
@@ -21,6 +22,7 @@ def overview(log: Log) -> dict[str, Any]:
         "firmware": log.firmware,
         "hardware": log.hardware,
         "vehicles": [asdict(vehicle) for vehicle in log.vehicles],
+        "flights": flights_of(log),
         "topics": [_topic(topic) for topic in log.topics],
         "parameters": [{"name": name, "value": value} for name, value in sorted(log.parameters.items())],
         "parameter_changes": [

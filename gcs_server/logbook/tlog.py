@@ -28,6 +28,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, FrameParser
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.replay.records import Batch, Cursor, open_log, read_batch
+from gcs_server.vehicle.identity import read_version
 
 _NUMPY_TYPES = {
     "int8_t": "i1",
@@ -66,6 +67,8 @@ class _Reader:
         self.parameters = Parameters()
         self.messages: list[Message] = []
         self.version: int | None = None
+        self.uids: dict[str, str] = {}
+        """Hexadecimal uid of each system that has sent one."""
         self._text_id: tuple[int, int] | None = None
 
     def add(self, time_us: int, frame: Frame) -> None:
@@ -93,9 +96,11 @@ class _Reader:
             self._add_text(t_s, frame.system_id, payload)
         elif frame.msg_id == d.MAVLINK_MSG_ID_PARAM_VALUE:
             self._add_parameter(t_s, payload)
-        elif frame.msg_id == d.MAVLINK_MSG_ID_AUTOPILOT_VERSION and self.version is None:
+        elif frame.msg_id == d.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             values = dict(zip(layout.fields, layout.unpacker.unpack(payload), strict=False))
-            self.version = int(values["flight_sw_version"]) or None
+            self.version = self.version or int(values["flight_sw_version"]) or None
+            if (version := read_version(payload)).unique and version.uid is not None:
+                self.uids[str(frame.system_id)] = version.uid
 
     def _add_text(self, t_s: float, system_id: int, payload: bytes) -> None:
         severity, text = payload[0], payload[1:51]
@@ -163,6 +168,8 @@ def _log(reader: _Reader, parser: FrameParser, skipped: int) -> Log:
     topics = limit_fields(topics, problems)
     duration_s = (reader.end_us - reader.begin_us) / 1e6
     vehicles = heartbeat_states(topics, duration_s)
+    for vehicle in vehicles:
+        vehicle.uid = reader.uids.get(vehicle.id)
     if len(vehicles) > 1 and reader.parameters.first:
         problems.append("The log has several vehicles; its parameters are those of all of them together.")
     version = reader.version

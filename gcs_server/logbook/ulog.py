@@ -128,12 +128,14 @@ def _log(ulog: ULog) -> Log:
     info = ulog.msg_info_dict
     system_id = parameters.first.get("MAV_SYS_ID")
     duration_s = max(0.0, *(float(topic.times_s[-1]) for topic in topics))
+    vehicle = ulog_states(topics, "" if system_id is None else str(int(system_id)), duration_s)
+    vehicle.uid = _text(info.get("sys_uuid"))
     return Log(
         kind="ulog",
         start_unix_s=_start_unix_s(topics),
         duration_s=duration_s,
         topics=topics,
-        vehicles=[ulog_states(topics, "" if system_id is None else str(int(system_id)), duration_s)],
+        vehicles=[vehicle],
         firmware=_firmware(ulog),
         hardware=_text(info.get("ver_hw")),
         parameters=parameters.first,
@@ -143,6 +145,7 @@ def _log(ulog: ULog) -> Log:
             (_since(start_us, each.timestamp), each.duration / 1e3) for each in ulog.dropouts[:MAX_SPANS]
         ],
         problems=problems,
+        start_boot_s=start_us / 1e6,
     )
 
 

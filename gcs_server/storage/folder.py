@@ -88,6 +88,16 @@ class DataFolder:
         return self.path / "flights.sqlite"
 
     @property
+    def flight_notes(self) -> Path:
+        """Folder of what the server noted of flights."""
+        return self.path / "flight_notes"
+
+    @property
+    def flight_decisions(self) -> Path:
+        """File with the names of flights, and with what people joined or separated."""
+        return self.path / "flight_names.json"
+
+    @property
     def elevation(self) -> Path:
         """Folder of the operator's elevation files."""
         return self.path / "elevation"

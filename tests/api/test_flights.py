@@ -36,7 +36,7 @@ def client(data):
 def listed(client):
     response = client.get(f"{API}/flights")
     assert response.status_code == 200, response.text
-    return {each["name"]: each for each in response.json()["flights"]}
+    return {each["name"]: each for each in response.json()["files"]}
 
 
 def add(client, name, content, part_bytes=4000):
@@ -248,7 +248,7 @@ def test_the_oldest_files_make_room_and_that_is_said(tmp_path):
         assert len(listed(client)) == 3
         add(client, "added.ulg", ulog(steps=20))
         answer = client.get(f"{API}/flights").json()
-        assert {each["name"] for each in answer["flights"]} == {"added.ulg", "new.ulg", "old.ulg"}
+        assert {each["name"] for each in answer["files"]} == {"added.ulg", "new.ulg", "old.ulg"}
         assert [each["name"] for each in answer["removed"]] == ["older.ulg"]
         assert answer["total_bytes"] <= answer["max_bytes"]
         (entry,) = [e for e in client.get(f"{API}/journal").json()["entries"] if e["client"] == "server"]

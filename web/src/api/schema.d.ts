@@ -1112,7 +1112,7 @@ export interface paths {
         };
         /**
          * List Flights
-         * @description All recordings and logs, newest first, and what was deleted to make room.
+         * @description All flights with the recordings and logs of each, and what was deleted to make room.
          */
         readonly get: operations["list_flights_api_v1_flights_get"];
         readonly put?: never;
@@ -1184,9 +1184,72 @@ export interface paths {
         readonly post?: never;
         /**
          * Delete Flight
-         * @description Deletes a recording or log on the server; refused while it is being recorded or replayed.
+         * @description Deletes a recording or log, by its id, or a flight with the files that have no other flight; refused
+         *     while one of them is being recorded or replayed.
          */
         readonly delete: operations["delete_flight_api_v1_flights__f__delete"];
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/flights/{f}/joined": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Joined
+         * @description A flight, by the id of any of its parts, with what this server noted of it: the plan or program that
+         *     was flown and how it compared, commands to its vehicle, parameters at arming.
+         */
+        readonly get: operations["show_joined_api_v1_flights__f__joined_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/flights/{f}/name": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Name Flight
+         * @description Names a flight; an empty name takes it away.
+         */
+        readonly post: operations["name_flight_api_v1_flights__f__name_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/flights/{f}/parts": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Decide Part
+         * @description Joins a part of another flight to this one, or separates one of its parts, which is then a flight of
+         *     its own. This decision is kept, whatever comes in later.
+         */
+        readonly post: operations["decide_part_api_v1_flights__f__parts_post"];
+        readonly delete?: never;
         readonly options?: never;
         readonly head?: never;
         readonly patch?: never;
@@ -6149,6 +6212,42 @@ export interface components {
             readonly step: string | null;
         };
         /**
+         * FlightCommand
+         * @description A command to the vehicle, as in the journal.
+         */
+        readonly FlightCommand: {
+            /**
+             * T S
+             * @description Time on the main log [s].
+             */
+            readonly t_s: number;
+            /**
+             * Unix S
+             * @description Time [s since 1970 UTC].
+             */
+            readonly unix_s: number;
+            /**
+             * Client
+             * @description Who gave it.
+             */
+            readonly client: string;
+            /**
+             * Command
+             * @description The command.
+             */
+            readonly command: string;
+            /**
+             * Result
+             * @description `ok`, or the code of the error.
+             */
+            readonly result: string;
+            /**
+             * Detail
+             * @description Text of the error; null: none.
+             */
+            readonly detail: string | null;
+        };
+        /**
          * FlightFile
          * @description A recording or a log.
          */
@@ -6239,14 +6338,19 @@ export interface components {
         };
         /**
          * FlightList
-         * @description All files of flights.
+         * @description All flights, and all files of flights.
          */
         readonly FlightList: {
             /**
              * Flights
              * @description The newest first.
              */
-            readonly flights: readonly components["schemas"]["FlightFile"][];
+            readonly flights: readonly components["schemas"]["JoinedFlight"][];
+            /**
+             * Files
+             * @description Recordings and logs, the newest first; also those without a flight.
+             */
+            readonly files: readonly components["schemas"]["FlightFile"][];
             /**
              * Total Bytes
              * @description Size of all files.
@@ -6262,6 +6366,20 @@ export interface components {
              * @description The last files that were deleted to make room, the newest removal first.
              */
             readonly removed: readonly components["schemas"]["RemovedFlight"][];
+        };
+        /**
+         * FlightName
+         * @description A name for a flight.
+         * @example {
+         *       "name": "Bridge survey, second try"
+         *     }
+         */
+        readonly FlightName: {
+            /**
+             * Name
+             * @description The name; empty takes it away.
+             */
+            readonly name: string;
         };
         /**
          * FlightOverview
@@ -6300,6 +6418,11 @@ export interface components {
              */
             readonly vehicles: readonly components["schemas"]["LogVehicle"][];
             /**
+             * Flights
+             * @description The flights in the log, oldest first.
+             */
+            readonly flights: readonly components["schemas"]["LoggedFlight"][];
+            /**
              * Topics
              * @description Topics with their fields, by name.
              */
@@ -6334,6 +6457,69 @@ export interface components {
              * @description What of the log is damaged or left out, as sentences.
              */
             readonly problems: readonly string[];
+        };
+        /**
+         * FlightPart
+         * @description What one log, or the server's own notes, know of a flight.
+         */
+        readonly FlightPart: {
+            /**
+             * Id
+             * @description Id of the part.
+             */
+            readonly id: string;
+            /**
+             * File
+             * @description Id of the log; null: notes of this server.
+             */
+            readonly file: string | null;
+            /**
+             * Source
+             * @description Recorded by the server, downloaded from the vehicle, added by a person, or noted by this server.
+             * @enum {string}
+             */
+            readonly source: "recording" | "vehicle" | "file" | "notes";
+            /**
+             * Offset S
+             * @description What is added to times of this log to get those of the main one [s].
+             */
+            readonly offset_s: number;
+            /**
+             * Begin S
+             * @description Arming [s since the log's start].
+             */
+            readonly begin_s: number;
+            /**
+             * End S
+             * @description Disarming, or the log's end.
+             */
+            readonly end_s: number;
+            /**
+             * Why
+             * @description Why the part belongs to the flight; null for the only part.
+             */
+            readonly why: string | null;
+        };
+        /**
+         * FlightRecord
+         * @description A flight with what this server noted of it.
+         */
+        readonly FlightRecord: {
+            /** @description The flight. */
+            readonly flight: components["schemas"]["JoinedFlight"];
+            /** @description The plan or program that was flown; null: none that this server knows. */
+            readonly plan: components["schemas"]["FlownPlan"] | null;
+            /**
+             * Commands
+             * @description Commands to its vehicle from two minutes before arming, oldest first; those of other vehicles are left
+             *     out.
+             */
+            readonly commands: readonly components["schemas"]["FlightCommand"][];
+            /**
+             * Parameters
+             * @description Parameters that the server knew at arming, by name.
+             */
+            readonly parameters: readonly components["schemas"]["LogParameter"][];
         };
         /**
          * FlightSeries
@@ -6435,6 +6621,45 @@ export interface components {
             readonly vehicle: string;
             /** @description The flight so far. */
             readonly flown: components["schemas"]["FlownMission"];
+        };
+        /**
+         * FlownPlan
+         * @description The plan or program that was flown.
+         */
+        readonly FlownPlan: {
+            /**
+             * Kind
+             * @description Its kind.
+             * @enum {string}
+             */
+            readonly kind: "waypoint_plan" | "offboard_mission";
+            /**
+             * Name
+             * @description Its name; null: it has none, or is not stored.
+             */
+            readonly name: string | null;
+            /**
+             * Id
+             * @description Id of the stored plan; null: not stored on this server.
+             */
+            readonly id: string | null;
+            /**
+             * Version
+             * @description Its version; null: not stored.
+             */
+            readonly version: number | null;
+            /**
+             * Dry Run
+             * @description Id of the dry run with which the flight was compared; null: none.
+             */
+            readonly dry_run: string | null;
+            /**
+             * Begin S
+             * @description Time on the main log of the comparison's start [s].
+             */
+            readonly begin_s: number;
+            /** @description The flight compared with its plan; null: it was not compared. */
+            readonly flown: components["schemas"]["FlownMission"] | null;
         };
         /**
          * FlownSample
@@ -8498,6 +8723,79 @@ export interface components {
             readonly has_yaw: boolean;
         };
         /**
+         * JoinedFlight
+         * @description One flight of one vehicle, from arming to disarming.
+         */
+        readonly JoinedFlight: {
+            /**
+             * Id
+             * @description Id; the ids of all its parts are accepted.
+             */
+            readonly id: string;
+            /**
+             * Name
+             * @description Name that a person has given; null: none.
+             */
+            readonly name: string | null;
+            /**
+             * Vehicle
+             * @description MAVLink system id; empty: not known.
+             */
+            readonly vehicle: string;
+            /**
+             * Start Unix S
+             * @description Arming [s since 1970 UTC]; null: not known.
+             */
+            readonly start_unix_s: number | null;
+            /**
+             * Duration S
+             * @description Time armed [s].
+             */
+            readonly duration_s: number;
+            /**
+             * Distance M
+             * @description Length of the flown path over ground; null: not known.
+             */
+            readonly distance_m: number | null;
+            /**
+             * Height M
+             * @description Greatest height above the place of arming; null: not known.
+             */
+            readonly height_m: number | null;
+            /**
+             * Modes
+             * @description Modes in the order in which they were first flown.
+             */
+            readonly modes: readonly string[];
+            /**
+             * Failsafes
+             * @description Number of times in which the vehicle was in a failsafe.
+             */
+            readonly failsafes: number;
+            /**
+             * Ended
+             * @description How it ended: disarmed on the ground, disarmed (not known where), disarmed in the air, or not known
+             *     because all logs end before.
+             * @enum {string}
+             */
+            readonly ended: "landed" | "disarmed" | "disarmed_in_air" | "log_ends";
+            /**
+             * Plan
+             * @description Name of the flown plan or program; null: none, or it has no name.
+             */
+            readonly plan: string | null;
+            /**
+             * Parts
+             * @description The main one, on whose time the others are shown, first.
+             */
+            readonly parts: readonly components["schemas"]["FlightPart"][];
+            /**
+             * Unsure
+             * @description What could belong to the flight as well.
+             */
+            readonly unsure: readonly components["schemas"]["UnsurePart"][];
+        };
+        /**
          * Journal
          * @description Commands, newest first.
          */
@@ -9367,6 +9665,11 @@ export interface components {
              */
             readonly id: string;
             /**
+             * Uid
+             * @description Hexadecimal uid of the autopilot; null: not known.
+             */
+            readonly uid: string | null;
+            /**
              * Modes
              * @description Flight modes.
              */
@@ -9409,6 +9712,83 @@ export interface components {
             readonly received_bytes: number;
             /** @description The file on the server; null: not downloaded. */
             readonly downloaded: components["schemas"]["DownloadedLog"] | null;
+        };
+        /**
+         * LoggedFlight
+         * @description One flight of one vehicle, as one log has it.
+         */
+        readonly LoggedFlight: {
+            /**
+             * Vehicle
+             * @description MAVLink system id; empty: not known.
+             */
+            readonly vehicle: string;
+            /**
+             * Uid
+             * @description Hexadecimal uid of the autopilot; None: not known.
+             */
+            readonly uid: string | null;
+            /**
+             * Begin S
+             * @description Arming [s since the log's start].
+             */
+            readonly begin_s: number;
+            /**
+             * End S
+             * @description Disarming, or the log's end.
+             */
+            readonly end_s: number;
+            /**
+             * Begin Unix S
+             * @description Arming [s since 1970 UTC]; None: not known.
+             */
+            readonly begin_unix_s: number | null;
+            /**
+             * By Gps
+             * @description Whether `begin_unix_s` is the vehicle's own time; otherwise that of the server which recorded it.
+             */
+            readonly by_gps: boolean;
+            /**
+             * Begin Boot S
+             * @description Arming by the vehicle's clock [s since its boot]; None: not known.
+             */
+            readonly begin_boot_s: number | null;
+            /**
+             * Duration S
+             * @description By the vehicle's clock if it is known: that of a server may have been set in flight.
+             */
+            readonly duration_s: number;
+            /**
+             * Distance M
+             * @description Length of the flown path over ground; None: no position.
+             */
+            readonly distance_m: number | null;
+            /**
+             * Height M
+             * @description Greatest height above the place of arming; None: no position.
+             */
+            readonly height_m: number | null;
+            /**
+             * Modes
+             * @description Modes in the order in which they were first flown.
+             */
+            readonly modes: readonly string[];
+            /**
+             * Failsafes
+             * @description Number of times in which the vehicle was in a failsafe.
+             */
+            readonly failsafes: number;
+            /**
+             * Ended
+             * @description Ended.
+             * @enum {string}
+             */
+            readonly ended: "landed" | "disarmed" | "disarmed_in_air" | "log_ends";
+            /**
+             * Starts Armed
+             * @description Whether the vehicle was armed already when the log began.
+             */
+            readonly starts_armed: boolean;
         };
         /**
          * LoiterTime
@@ -12012,6 +12392,26 @@ export interface components {
              * @description Parameters, sorted by name.
              */
             readonly params: readonly components["schemas"]["ParameterView"][];
+        };
+        /**
+         * PartDecision
+         * @description Joins a part of another flight to a flight, or separates one of its parts.
+         * @example {
+         *       "joined": false,
+         *       "part": "0123456789abcdef-0"
+         *     }
+         */
+        readonly PartDecision: {
+            /**
+             * Part
+             * @description Id of the part.
+             */
+            readonly part: string;
+            /**
+             * Joined
+             * @description True joins it, with its whole flight; false separates it.
+             */
+            readonly joined: boolean;
         };
         /**
          * PathPointBody
@@ -16166,6 +16566,22 @@ export interface components {
              * @description Name of the mode.
              */
             readonly name: string;
+        };
+        /**
+         * UnsurePart
+         * @description A part of another flight that could belong to this one, but not surely; a person may join it.
+         */
+        readonly UnsurePart: {
+            /**
+             * Part
+             * @description Id of the part.
+             */
+            readonly part: string;
+            /**
+             * Why
+             * @description Why it was not joined.
+             */
+            readonly why: string;
         };
         /**
          * UploadRequest
@@ -21419,6 +21835,191 @@ export interface operations {
                     readonly [name: string]: unknown;
                 };
                 content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_joined_api_v1_flights__f__joined_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FlightRecord"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly name_flight_api_v1_flights__f__name_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["FlightName"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["JoinedFlight"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly decide_part_api_v1_flights__f__parts_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["PartDecision"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["JoinedFlight"];
+                };
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];

@@ -362,6 +362,8 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
     },
   },
   'add a log': { vehicles: [], click: () => flights.add(new File(['ULog'], 'a.ulg')) },
+  'name a flight': { vehicles: [], click: () => flights.setName('f1-0', 'Bridge') },
+  'separate a part of a flight': { vehicles: [], click: () => flights.decide('f1-0', 'f2-1', false) },
   'delete a flight': { vehicles: [], click: () => flights.delete('f1') },
   'open a replay': { vehicles: [], click: () => replay.open('flight.tlog') },
   'close a replay': {

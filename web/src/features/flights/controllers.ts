@@ -3,7 +3,7 @@
 import { page } from '../../app/page.svelte';
 import { rooms } from '../../app/registry.svelte';
 import { commandGate } from '../../app/vehicle-actions.svelte';
-import { FlightLibrary } from './library.svelte';
+import { FlightLibrary, titleOf, type Row } from './library.svelte';
 import { LogView } from './log-view.svelte';
 import { VehicleLogs } from './logs.svelte';
 
@@ -12,8 +12,18 @@ export const library = new FlightLibrary(page.api);
 export const view = new LogView(page.api);
 export const vehicleLogs = new VehicleLogs(commandGate);
 
-/** Opens a flight in the room. */
-export function openFlight(id: string, name: string): Promise<void> {
+/** Opens a flight, or a file without one. */
+export function openRow(row: Row): Promise<void> {
   rooms.open(ROOM);
-  return view.open(id, name);
+  return view.open(row.files[0]?.id ?? row.id, titleOf(row), row.flight);
+}
+
+/** Opens a log, and the flight of which it is a part, if that is the only one in it. */
+export async function openFlight(id: string, name: string): Promise<void> {
+  rooms.open(ROOM);
+  await view.open(id, name);
+  if (view.id !== id || view.problem !== null) return;
+  await library.load(); // which flights a log has is known once it was read
+  const [row, ...others] = library.rows.filter(({ flight, files }) => flight !== null && files.some((file) => file.id === id));
+  if (row !== undefined && others.length === 0 && view.id === id) await openRow(row);
 }

@@ -1,16 +1,10 @@
 /** The flights for the search: choosing one opens it. */
 
-import { page } from '../../app/page.svelte';
 import type { Findable } from '../../app/registry.svelte';
-import { openFlight } from './controllers';
+import { library, openRow } from './controllers';
 import { detailsOf, titleOf } from './library.svelte';
 
 export async function findableFlights(): Promise<readonly Findable[]> {
-  const outcome = await page.api.get('/flights');
-  if (!outcome.ok) return [];
-  return outcome.value.flights.map((flight) => ({
-    title: titleOf(flight),
-    hint: `Open the flight: ${detailsOf(flight)}`,
-    run: () => openFlight(flight.id, titleOf(flight)),
-  }));
+  await library.load();
+  return library.rows.map((row) => ({ title: titleOf(row), hint: `Open the flight: ${detailsOf(row)}`, run: () => openRow(row) }));
 }

@@ -1,11 +1,11 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { loadFindings, missing, severalVehicles } from './findings';
-import { detailsOf, FlightLibrary, matching, removedText, titleOf, type Flight } from './library.svelte';
+import { detailsOf, FlightLibrary, matching, removedText, sourcesOf, titleOf, type Flight, type LogFile, type Row } from './library.svelte';
 import { LogView, timeText, valueAt, type Overview } from './log-view.svelte';
 import { fieldsOfSet, findFields, labelOf, SETS } from './sets';
 
-const FLIGHT: Flight = {
+const FILE: LogFile = {
   id: 'f1',
   name: 'a.ulg',
   source: 'vehicle',
@@ -19,6 +19,25 @@ const FLIGHT: Flight = {
   problem: null,
   running: false,
   read: true,
+};
+const FLIGHT: Flight = {
+  id: 'f1-0',
+  name: null,
+  vehicle: '7',
+  start_unix_s: 1e9,
+  duration_s: 61,
+  distance_m: 1240,
+  height_m: 30.2,
+  modes: ['Take off', 'Mission'],
+  failsafes: 1,
+  ended: 'landed',
+  plan: 'Bridge',
+  parts: [
+    { id: 'f1-0', file: 'f1', source: 'vehicle', offset_s: 0, begin_s: 20, end_s: 81, why: null },
+    { id: 'f2-1', file: 'f2', source: 'recording', offset_s: -100, begin_s: 120, end_s: 181, why: 'same vehicle' },
+    { id: 'n3-0', file: null, source: 'notes', offset_s: 20, begin_s: 0, end_s: 61, why: 'recorded by this server' },
+  ],
+  unsure: [],
 };
 const topic = (id: string, fields: readonly string[]): Overview['topics'][number] => ({
   id,
@@ -43,6 +62,7 @@ const OVERVIEW: Overview = {
   firmware: null,
   hardware: null,
   vehicles: [],
+  flights: [],
   topics: TOPICS,
   parameters: [],
   parameter_changes: [],
@@ -68,14 +88,48 @@ function server(answer: (call: string) => [number, unknown]): { api: ApiClient; 
 }
 
 describe('the list of flights', () => {
-  const LIST = { flights: [FLIGHT], total_bytes: 1, max_bytes: 20e9, removed: [] };
+  const LIST = { flights: [], files: [FILE], total_bytes: 1, max_bytes: 20e9, removed: [] };
+
+  it('has each flight once with its files, and files without a flight', async () => {
+    const others = [
+      { ...FILE, id: 'f2', source: 'recording' as const, bytes: 600_000 },
+      { ...FILE, id: 'f3', name: 'ground.ulg' },
+    ];
+    const { api } = server(() => [200, { ...LIST, flights: [FLIGHT], files: [FILE, ...others] }]);
+    const library = new FlightLibrary(api);
+    await library.load();
+    expect(library.rows.map(({ id, files }) => [id, ...files.map((file) => file.id)])).toEqual([
+      ['f1-0', 'f1', 'f2'],
+      ['f3', 'f3'],
+    ]);
+    const [flown] = library.rows as [Row];
+    expect(detailsOf(flown)).toBe('vehicle 7 · 1 min 01 s · 1240 m · 30 m high · Take off, Mission · landed');
+    expect(sourcesOf(flown)).toBe('log of the vehicle, recording · 13 MB');
+    library.search = 'bridge landed';
+    expect(library.found).toEqual([flown]);
+    expect(titleOf({ ...flown, flight: { ...FLIGHT, name: 'Second try' } })).toBe('Second try');
+  });
 
   it('is searched by name, vehicle and time', () => {
-    expect(matching([FLIGHT], 'vehicle 7')).toEqual([FLIGHT]);
-    expect(matching([FLIGHT], 'A.ULG log')).toEqual([FLIGHT]);
-    expect(matching([FLIGHT], 'vehicle 8')).toEqual([]);
-    expect(detailsOf(FLIGHT)).toBe('vehicle 7 · 1 min 01 s · log of the vehicle · 12 MB');
-    expect([titleOf(FLIGHT), titleOf({ ...FLIGHT, start_unix_s: 0 })]).toEqual(['a.ulg', expect.stringMatching(/^19/)]);
+    const row: Row = { id: 'f1', flight: null, files: [FILE] };
+    expect(matching([row], 'vehicle 7')).toEqual([row]);
+    expect(matching([row], 'A.ULG log')).toEqual([row]);
+    expect(matching([row], 'vehicle 8')).toEqual([]);
+    expect([detailsOf(row), sourcesOf(row)]).toEqual(['vehicle 7 · 1 min 01 s · not armed', 'log of the vehicle · 12 MB']);
+    expect([titleOf(row), titleOf({ ...row, files: [{ ...FILE, start_unix_s: 0 }] })]).toEqual(['a.ulg', expect.stringMatching(/^19/)]);
+  });
+
+  it('names a flight, and joins and separates its parts', async () => {
+    const { api, sent } = server(() => [200, FLIGHT]);
+    const library = new FlightLibrary(api);
+    library.toName = 'f1-0';
+    expect(await library.setName('f1-0', 'Bridge')).toBe(true);
+    await library.decide('f1-0', 'f2-1', false);
+    expect(library.toName).toBeNull();
+    expect(sent.filter(({ call }) => call.startsWith('POST'))).toEqual([
+      { call: 'POST /flights/f1-0/name', body: '{"name":"Bridge"}' },
+      { call: 'POST /flights/f1-0/parts', body: '{"part":"f2-1","joined":false}' },
+    ]);
   });
 
   it('says what was deleted to make room', () => {
@@ -95,7 +149,7 @@ describe('the list of flights', () => {
     const parts = sent.filter(({ call }) => call.includes('offset_bytes'));
     expect(parts.map(({ call }) => call)).toEqual([0, 4, 8].map((offset) => `POST /flights/uploads/u1?offset_bytes=${offset}`));
     expect(await (parts[2]?.body as Blob).text()).toBe('89');
-    expect([library.adding, library.list?.flights.length]).toEqual([null, 1]);
+    expect([library.adding, library.list?.files.length]).toEqual([null, 1]);
   });
 
   it('says why a file was not added, and drops what has arrived', async () => {
@@ -201,6 +255,43 @@ describe('an open log', () => {
     for (const { id } of view.panes) view.removePane(id);
     expect(view.panes.map(({ fields }) => fields)).toEqual([[]]);
     expect(view.activePane).toBe(view.panes[0]?.id);
+  });
+
+  it('shows all logs of a flight on the time of the first, with its commands', async () => {
+    const { api, sent } = server((call) => {
+      if (call.includes('/joined'))
+        return [
+          200,
+          { flight: FLIGHT, plan: null, commands: [{ t_s: 19, unix_s: 1, client: 'Ann', command: 'arm', result: 'ok', detail: null }], parameters: [] },
+        ];
+      if (call.includes('/series')) return [200, { series: [{ field: 'x', unit: 'm', samples: 2, t_s: [120, 130], values: [1, 2] }] }];
+      if (call.includes('/f2'))
+        return [
+          200,
+          { ...OVERVIEW, kind: 'tlog', duration_s: 900, topics: ['LOCAL_POSITION_NED:7.1', 'ATTITUDE:1.1'].map((id) => topic(id, ['x', 'y', 'z'])) },
+        ];
+      return [200, { ...OVERVIEW, messages: [{ t_s: 30, severity: 4, text: 'Low battery' }] }];
+    });
+    const view = new LogView(api);
+    await view.open('f1', 'a', FLIGHT);
+    expect(view.parts.map(({ file, offset_s }) => [file, offset_s])).toEqual([
+      ['f1', 0],
+      ['f2', -100],
+    ]);
+    expect(view.whole).toEqual({ from_s: 5, to_s: 96 });
+    expect(view.events.map(({ t_s, text, by }) => [t_s, text, by])).toEqual([
+      [19, 'arm', 'Ann'],
+      [30, 'Low battery', ''],
+    ]);
+    expect(view.sources.map(({ prefix, topics }) => [prefix, topics.length])).toEqual([
+      ['', 4],
+      ['1|', 1], // not those of vehicle 1
+    ]);
+    view.toggle('1|LOCAL_POSITION_NED:7.1/x');
+    await vi.advanceTimersByTimeAsync(200);
+    expect(decodeURIComponent(sent.at(-1)?.call ?? '')).toContain('GET /flights/f2/series?field=LOCAL_POSITION_NED:7.1/x&from_s=105&to_s=196');
+    expect(view.series.get('1|LOCAL_POSITION_NED:7.1/x')?.t_s).toEqual([20, 30]);
+    expect(labelOf('1|LOCAL_POSITION_NED:7.1/x')).toBe('LOCAL_POSITION_NED:7.1 x');
   });
 
   it('ignores the answer for a log that was closed meanwhile', async () => {

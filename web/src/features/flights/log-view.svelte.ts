@@ -9,6 +9,35 @@ import { fieldsOfSet, type PlotSet } from './sets';
 type Schemas = components['schemas'];
 export type Overview = Schemas['FlightOverview'];
 export type Series = Schemas['LogSeries'];
+type Flight = Schemas['JoinedFlight'];
+type FlightRecord = Schemas['FlightRecord'];
+type LogVehicle = Schemas['LogVehicle'];
+/** A log of the open flight. */
+export interface LogPart {
+  /** Id of the file. */
+  readonly file: string;
+  readonly source: Schemas['FlightPart']['source'] | null;
+  /** What is added to its times to get those of the first part, which are those of all plots [s]. */
+  readonly offset_s: number;
+  readonly overview: Overview;
+}
+/** The fields of a part. */
+export interface FieldSource {
+  readonly source: LogPart['source'];
+  /** What is put before a field or expression of this part; empty for the first. */
+  readonly prefix: string;
+  readonly topics: Overview['topics'];
+}
+/** A message of the vehicle, a change of its mode, or a command to it. */
+export interface FlightEvent {
+  readonly t_s: number;
+  readonly kind: 'message' | 'mode' | 'command';
+  /** MAV_SEVERITY of a message; a refused command is a warning. */
+  readonly severity: number;
+  readonly text: string;
+  /** Who gave a command. */
+  readonly by: string;
+}
 export interface Pane {
   readonly id: number;
   readonly fields: readonly string[];
@@ -25,12 +54,20 @@ const PAUSE_MS = 60;
 export const MAX_PANES = 8;
 export const MAX_FIELDS = 8;
 const MIN_WINDOW_S = 0.05;
+/** Shown before arming and after disarming [s]. */
+const AROUND_S = 15;
+const WARNING = 4;
+const INFO = 6;
 
 export class LogView {
   /** Id of the open flight; null: the list is shown. */
   id = $state<string | null>(null);
   name = $state('');
-  overview = $state.raw<Overview | null>(null);
+  /** The flight that is shown; null: a whole log. */
+  flight = $state.raw<Flight | null>(null);
+  /** What the server noted of the flight; null: not loaded. */
+  record = $state.raw<FlightRecord | null>(null);
+  parts = $state.raw<readonly LogPart[]>([]);
   problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
   panes = $state.raw<readonly Pane[]>([]);
   /** Id of the pane to which chosen fields are added. */
@@ -48,28 +85,50 @@ export class LogView {
 
   constructor(private readonly api: ApiClient) {}
 
-  /** The window of the whole log. */
-  readonly whole = $derived<Window>(wholeOf(this.overview));
+  /** That of the first part. */
+  readonly overview = $derived<Overview | null>(this.parts[0]?.overview ?? null);
+  /** The window of the whole flight, or of the whole log. */
+  readonly whole = $derived<Window>(wholeOf(this.parts, this.flight));
+  /** States of the vehicle of the flight, or of all vehicles of the log. */
+  readonly vehicles = $derived(vehiclesOf(this.parts, this.flight));
+  readonly sources = $derived(sourcesOf(this.parts, this.flight));
+  readonly events = $derived(eventsOf(this.parts, this.vehicles, this.record));
 
-  async open(id: string, name: string): Promise<void> {
+  /** Opens a log. @param flight the flight that is shown, with its other logs; null: the whole log. */
+  async open(id: string, name: string, flight: Flight | null = null): Promise<void> {
     this.close();
     this.id = id;
     this.name = name;
-    const response = await this.api.get('/flights/{f}', { params: { path: { f: id } } });
-    if (this.id !== id) return;
-    if (!response.ok) {
-      this.problem = response.problem;
-      return;
-    }
-    this.overview = response.value;
+    this.flight = flight;
+    const places = flight?.parts.filter(({ file }) => file !== null) ?? [];
+    const [main, ...others] = places.length > 0 ? places : [{ file: id, source: null, offset_s: 0 }];
+    if (main === undefined || !(await this.addPart(main))) return;
     plotsShown.isOpen = true;
     this.shown = this.whole;
     this.addPane();
+    if (flight === null) return;
+    const response = await this.api.get('/flights/{f}/joined', { params: { path: { f: flight.id } } });
+    if (this.flight !== flight) return;
+    if (response.ok) this.record = response.value;
+    else this.problem = response.problem;
+    for (const other of others) await this.addPart(other);
+  }
+
+  /** Loads a part of the open flight. @returns false: it could not be loaded, or another flight was opened meanwhile. */
+  private async addPart({ file, source, offset_s }: Pick<Schemas['FlightPart'], 'file' | 'offset_s'> & Pick<LogPart, 'source'>): Promise<boolean> {
+    if (file === null) return false;
+    const { id, flight } = this;
+    const response = await this.api.get('/flights/{f}', { params: { path: { f: file } } });
+    if (this.id !== id || this.flight !== flight) return false;
+    if (response.ok) this.parts = [...this.parts, { file, source, offset_s, overview: response.value }];
+    else this.problem = response.problem;
+    return response.ok;
   }
 
   close(): void {
     if (this.timer !== null) clearTimeout(this.timer);
-    this.id = this.overview = this.problem = this.cursor_s = null;
+    this.id = this.flight = this.record = this.problem = this.cursor_s = null;
+    this.parts = [];
     plotsShown.isOpen = false;
     this.panes = [];
     this.series = new Map();
@@ -106,8 +165,7 @@ export class LogView {
 
   /** Shows the panes of a set in place of the present ones. */
   showSet(set: PlotSet): void {
-    if (this.overview === null) return;
-    const panes = fieldsOfSet(set, this.overview.topics);
+    const panes = this.fieldsOf(set);
     if (panes.length === 0) return;
     this.panes = panes.slice(0, MAX_PANES).map((fields) => ({ id: this.nextPane++, fields }));
     this.activePane = this.panes[0]?.id ?? 0;
@@ -124,6 +182,15 @@ export class LogView {
     const margin_s = Math.max(2, to_s - from_s);
     this.zoom({ from_s: from_s - margin_s, to_s: to_s + margin_s });
     this.cursor_s = Math.max(this.whole.from_s, from_s);
+  }
+
+  /** The fields of a set's panes, of the first part that has some. */
+  fieldsOf(set: PlotSet): string[][] {
+    for (const { prefix, topics } of this.sources) {
+      const panes = fieldsOfSet(set, topics);
+      if (panes.length > 0) return panes.map((fields) => fields.map((field) => prefix + field));
+    }
+    return [];
   }
 
   /** Shows a window, within the log. */
@@ -168,18 +235,85 @@ export class LogView {
     const key = JSON.stringify([id, shown, fields]);
     if (id === null || fields.length === 0 || key === this.loadedKey) return;
     const request = ++this.request;
-    const response = await this.api.get('/flights/{f}/series', { params: { path: { f: id }, query: { field: fields, ...shown, points: POINTS } } });
+    const loaded = await Promise.all(this.parts.map((part, i) => this.loadPart(part, i, fields, shown)));
     if (request !== this.request) return;
-    this.problem = response.ok ? null : response.problem;
-    if (!response.ok) return;
+    const series = loaded.flatMap((each) => each ?? []);
+    if (loaded.includes(null)) return; // `problem` says why
+    this.problem = null;
     this.loadedKey = key;
-    this.series = new Map(response.value.series.map((each) => [each.field, each]));
+    this.series = new Map(series);
+  }
+
+  /** The values of those fields that are of this part, at times of the first part; null: they could not be loaded. */
+  private async loadPart(part: LogPart, index: number, fields: readonly string[], shown: Window): Promise<[string, Series][] | null> {
+    const own = fields.filter((field) => partOf(field) === index);
+    if (own.length === 0) return [];
+    const { file, offset_s } = part;
+    const { request } = this;
+    const query = { field: own.map(unprefixed), from_s: shown.from_s - offset_s, to_s: shown.to_s - offset_s, points: POINTS };
+    const response = await this.api.get('/flights/{f}/series', { params: { path: { f: file }, query } });
+    if (request !== this.request) return null;
+    if (!response.ok) {
+      this.problem = response.problem;
+      return null;
+    }
+    return response.value.series.map((each, i) => [own[i] ?? each.field, { ...each, t_s: offset_s === 0 ? each.t_s : each.t_s.map((t_s) => t_s + offset_s) }]);
   }
 }
 
-function wholeOf(overview: Overview | null): Window {
-  const to_s = Math.max(0.1, overview?.duration_s ?? 1);
-  return { from_s: 0, to_s };
+/** Index of the part of a field or expression: `1|ATTITUDE:1.1/roll` is of the second part. */
+function partOf(field: string): number {
+  return Number(/^(\d)\|/.exec(field)?.[1] ?? 0);
+}
+
+/** A field or expression as its part names it. */
+export function unprefixed(field: string): string {
+  return field.replace(/^\d\|/, '');
+}
+
+function wholeOf(parts: readonly LogPart[], flight: Flight | null): Window {
+  const begin_s = Math.min(0, ...parts.map(({ offset_s }) => offset_s));
+  const end_s = Math.max(0.1, ...parts.map(({ offset_s, overview }) => offset_s + overview.duration_s));
+  const main = flight?.parts[0];
+  if (main === undefined) return { from_s: 0, to_s: Math.max(0.1, parts[0]?.overview.duration_s ?? 1) };
+  return { from_s: Math.max(begin_s, main.begin_s - AROUND_S), to_s: Math.min(end_s, main.end_s + AROUND_S) };
+}
+
+function vehiclesOf(parts: readonly LogPart[], flight: Flight | null): readonly LogVehicle[] {
+  const shifted = parts.map(({ overview, offset_s }) => {
+    const at = <T extends { begin_s: number; end_s: number }>(span: T): T => ({ ...span, begin_s: span.begin_s + offset_s, end_s: span.end_s + offset_s });
+    return overview.vehicles.map((v) => ({ ...v, modes: v.modes.map(at), armed: v.armed.map(at), failsafe: v.failsafe.map(at) }));
+  });
+  if (flight === null) return shifted[0] ?? [];
+  const own = shifted.flatMap((vehicles) => vehicles.filter(({ id, modes }) => (id === flight.vehicle || id === '') && modes.length > 0));
+  return own.slice(0, 1);
+}
+
+function sourcesOf(parts: readonly LogPart[], flight: Flight | null): readonly FieldSource[] {
+  return parts.map(({ source, overview }, i) => {
+    const isOwn = flight !== null && flight.vehicle !== '' && overview.kind === 'tlog';
+    const topics = isOwn ? overview.topics.filter(({ instance }) => instance.startsWith(`${flight.vehicle}.`)) : overview.topics;
+    return { source, prefix: i === 0 ? '' : `${i}|`, topics };
+  });
+}
+
+function eventsOf(parts: readonly LogPart[], vehicles: readonly LogVehicle[], record: FlightRecord | null): readonly FlightEvent[] {
+  const main = parts.find(({ overview }) => overview.messages.length > 0);
+  const messages = (main?.overview.messages ?? []).map(({ t_s, severity, text }): FlightEvent => ({
+    t_s: t_s + (main?.offset_s ?? 0),
+    kind: 'message',
+    severity,
+    text,
+    by: '',
+  }));
+  const modes = vehicles.flatMap((vehicle) =>
+    vehicle.modes.map(({ begin_s, name }): FlightEvent => ({ t_s: begin_s, kind: 'mode', severity: INFO, text: name, by: '' })),
+  );
+  const commands = (record?.commands ?? []).map(({ t_s, client, command, result, detail }): FlightEvent => {
+    const isOk = result === 'ok';
+    return { t_s, kind: 'command', severity: isOk ? INFO : WARNING, text: isOk ? command : `${command}: ${detail ?? result}`, by: client };
+  });
+  return [...messages, ...modes, ...commands].sort((a, b) => a.t_s - b.t_s);
 }
 
 /** The newest value of a series at a time; null: there is none. */

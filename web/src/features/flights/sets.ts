@@ -144,7 +144,8 @@ export function findFields(topics: readonly Topic[], text: string): FoundTopic[]
 }
 
 /** A field or expression as a short label: without the instance, if it is the first. */
-export function labelOf(field: string): string {
+export function labelOf(prefixed: string): string {
+  const field = prefixed.replace(/^\d\|/, '');
   if (!field.includes('{')) return field.replace(/:0\//, ' ').replace('/', ' ');
   const call = /^(roll|pitch|yaw)\(\{(\w+):0\/q(?:_d)?\[0\]\}/.exec(field);
   return call === null ? field.replaceAll(':0/', '/') : `${call[1]} of ${call[2]}`;
