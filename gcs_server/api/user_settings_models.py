@@ -57,6 +57,44 @@ class DefaultAltitudes(StrictBody):
     """Of new items in a plan [m]; default: 30."""
 
 
+class GamepadAxis(StrictBody):
+    """The axis of a gamepad that a stick of the vehicle or its gimbal follows."""
+
+    axis: int | None = Field(default=None, ge=0, le=31)
+    """Number of the axis as the browser counts; null: none."""
+    reverse: bool | None = None
+    """Whether it is reversed: most gamepads count down as positive."""
+
+
+class GamepadButton(StrictBody):
+    """What a button of a gamepad does."""
+
+    button: int = Field(ge=0, le=63)
+    """Number of the button as the browser counts."""
+    action: Literal["hold", "stop", "go_on", "land", "arm"]
+    """`hold`: Hold; `stop`: ends flying by stick; `go_on`: goes on when interrupted; `land`, `arm`: opens
+    the page's confirmation."""
+
+
+class Gamepad(StrictBody):
+    """How the page uses a gamepad for flying by stick; missing axes are those of mode 2."""
+
+    pitch: GamepadAxis | None = None
+    roll: GamepadAxis | None = None
+    throttle: GamepadAxis | None = None
+    yaw: GamepadAxis | None = None
+    gimbal_pitch: GamepadAxis | None = None
+    gimbal_yaw: GamepadAxis | None = None
+    dead_zone: float | None = Field(default=None, ge=0, le=0.5)
+    """Deflection without effect, as a part of the whole; default: 0.05."""
+    expo: float | None = Field(default=None, ge=0, le=1)
+    """0: linear, 1: fine near the middle; default: 0, as PX4 has its own."""
+    gimbal_rate_deg_s: float | None = Field(default=None, ge=1, le=90)
+    """The gimbal's rate at full deflection; default: 30."""
+    buttons: Annotated[tuple[GamepadButton, ...], Field(max_length=32)] | None = None
+    """Default: button 1 holds."""
+
+
 class UserSettingValues(StrictBody):
     """What a user has set. Missing or null: the page's default."""
 
@@ -78,6 +116,8 @@ class UserSettingValues(StrictBody):
     """The values beside the map, in their order."""
     param_favourites: Annotated[tuple[ParamName, ...], Field(max_length=200)] | None = None
     """Names of the parameters that are marked."""
+    gamepad: Gamepad | None = None
+    """Axes and buttons of a gamepad."""
     profile_folded: bool | None = None
     """Whether the altitude profile of a plan is folded."""
 

@@ -90,6 +90,14 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         flights = page.get_by_role("region", name=text("Flights"), exact=True)
         flights.get_by_role("list").or_(flights.get_by_text(text("No flights yet"))).first.wait_for()
 
+    def open_gamepad_page() -> None:
+        settings = page.get_by_role("region", name=text("Settings"), exact=True)
+        if not settings.is_visible():
+            page.keyboard.press("Shift+U")
+        settings.get_by_role("radio", name=text("Gamepad"), exact=True).focus()
+        page.keyboard.press("Enter")
+        settings.get_by_text(text("Buttons while one flies by stick")).wait_for()
+
     def open_point_menu() -> None:
         point_menu = page.get_by_role("dialog", name=text("At this position"))
 
@@ -115,6 +123,7 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         ("view: vehicle", key_presser("Shift+V")),
         ("view: plan", key_presser("w")),
         ("view: flights", open_flights),
+        ("view: gamepad", open_gamepad_page),
         ("view: offboard", open_offboard_view),
         *inputs,
     ]

@@ -127,6 +127,17 @@ export const BOUNDS = {
     hold_s: {"min":0,"max":86400},
     corner_m: {"min":0,"max":1000},
   },
+  Gamepad: {
+    dead_zone: {"min":0,"max":0.5},
+    expo: {"min":0,"max":1},
+    gimbal_rate_deg_s: {"min":1,"max":90},
+  },
+  GamepadAxis: {
+    axis: {"min":0,"max":31},
+  },
+  GamepadButton: {
+    button: {"min":0,"max":63},
+  },
   kind_gate: {
     lat_deg: {"min":-90,"max":90},
     lon_deg: {"min":-180,"max":180},

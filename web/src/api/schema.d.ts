@@ -6883,6 +6883,72 @@ export interface components {
             readonly yaw?: "keep" | "same" | "face";
         };
         /**
+         * Gamepad
+         * @description How the page uses a gamepad for flying by stick; missing axes are those of mode 2.
+         */
+        readonly Gamepad: {
+            readonly pitch?: components["schemas"]["GamepadAxis"] | null;
+            readonly roll?: components["schemas"]["GamepadAxis"] | null;
+            readonly throttle?: components["schemas"]["GamepadAxis"] | null;
+            readonly yaw?: components["schemas"]["GamepadAxis"] | null;
+            readonly gimbal_pitch?: components["schemas"]["GamepadAxis"] | null;
+            readonly gimbal_yaw?: components["schemas"]["GamepadAxis"] | null;
+            /**
+             * Dead Zone
+             * @description Deflection without effect, as a part of the whole; default: 0.05.
+             */
+            readonly dead_zone?: number | null;
+            /**
+             * Expo
+             * @description 0: linear, 1: fine near the middle; default: 0, as PX4 has its own.
+             */
+            readonly expo?: number | null;
+            /**
+             * Gimbal Rate Deg S
+             * @description The gimbal's rate at full deflection; default: 30.
+             */
+            readonly gimbal_rate_deg_s?: number | null;
+            /**
+             * Buttons
+             * @description Default: button 1 holds.
+             */
+            readonly buttons?: readonly components["schemas"]["GamepadButton"][] | null;
+        };
+        /**
+         * GamepadAxis
+         * @description The axis of a gamepad that a stick of the vehicle or its gimbal follows.
+         */
+        readonly GamepadAxis: {
+            /**
+             * Axis
+             * @description Number of the axis as the browser counts; null: none.
+             */
+            readonly axis?: number | null;
+            /**
+             * Reverse
+             * @description Whether it is reversed: most gamepads count down as positive.
+             */
+            readonly reverse?: boolean | null;
+        };
+        /**
+         * GamepadButton
+         * @description What a button of a gamepad does.
+         */
+        readonly GamepadButton: {
+            /**
+             * Button
+             * @description Number of the button as the browser counts.
+             */
+            readonly button: number;
+            /**
+             * Action
+             * @description `hold`: Hold; `stop`: ends flying by stick; `go_on`: goes on when interrupted; `land`, `arm`: opens
+             *     the page's confirmation.
+             * @enum {string}
+             */
+            readonly action: "hold" | "stop" | "go_on" | "land" | "arm";
+        };
+        /**
          * Gate
          * @description Delay the next item until the vehicle has crossed the line through this position, perpendicular to the
          *     path.
@@ -16688,6 +16754,8 @@ export interface components {
              * @description Names of the parameters that are marked.
              */
             readonly param_favourites?: readonly string[] | null;
+            /** @description Axes and buttons of a gamepad. */
+            readonly gamepad?: components["schemas"]["Gamepad"] | null;
             /**
              * Profile Folded
              * @description Whether the altitude profile of a plan is folded.

@@ -43,6 +43,8 @@ export interface Services {
     roiOf: (facts: VehicleFacts) => Roi | null;
     /** Reads from the server who controls the gimbal, and the gimbal's ROI. */
     fetchControlAndRoi: (facts: VehicleFacts) => Promise<void>;
+    /** Turns the camera at these rates until the next command; up and right are positive [deg/s]. */
+    turnAt: (facts: VehicleFacts, pitch_deg_s: number, yaw_deg_s: number) => void;
   };
   /** The stage: the map and the 3D view, one of them large and the other an inset. */
   stage: {

@@ -64,7 +64,7 @@ export class UserSettings {
   }
 
   /** Sets some entries of a value that has several; null: their default. */
-  change<N extends 'units' | 'voice' | 'default_altitudes'>(name: N, entries: NonNullable<SettingValues[N]>): void {
+  change<N extends 'units' | 'voice' | 'default_altitudes' | 'gamepad'>(name: N, entries: NonNullable<SettingValues[N]>): void {
     this.set(name, { ...this.get(name), ...entries } as NonNullable<SettingValues[N]>);
   }
 

@@ -65,6 +65,7 @@ export const PAGE_TOPICS: readonly string[] = [
   'readiness',
   'offboard',
   'control',
+  'manual_control',
   'identity',
   'components',
   'reach',

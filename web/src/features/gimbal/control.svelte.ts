@@ -154,9 +154,14 @@ export class GimbalControl {
 
   /** Turns the camera while an arrow button is held. Up and right are positive. */
   turn(facts: VehicleFacts, pitchSign: number, yawSign: number): void {
-    this.target = null;
     this.turnedGimbal = facts;
-    this.sendRates(facts, pitchSign * RATE_DEG_S, yawSign * RATE_DEG_S);
+    this.turnAt(facts, pitchSign * RATE_DEG_S, yawSign * RATE_DEG_S);
+  }
+
+  /** Turns the camera at these rates until the next command, for a stick. Up and right are positive [deg/s]. */
+  turnAt(facts: VehicleFacts, pitch_deg_s: number, yaw_deg_s: number): void {
+    this.target = null;
+    this.sendRates(facts, pitch_deg_s, yaw_deg_s);
   }
 
   /** The arrow button was released: both axes stop. */

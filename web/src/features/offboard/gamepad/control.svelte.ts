@@ -1,7 +1,8 @@
 /** Reads the browser's gamepad 25 times a second, sends setpoints from its sticks, and stores why stick control ended. */
 
 import type { AnySetpoint } from '../../../vehicle/setpoint';
-import { StickControl, RATE_HZ, type PadSnapshot, type StickOutput } from './stick-control';
+import { connectedPads, pageState } from '../../../vehicle/gamepad';
+import { StickControl, RATE_HZ, type StickOutput } from './stick-control';
 import { SCALES, type PadMode } from './sticks';
 
 /** Buttons of the standard gamepad layout that a pilot can hold while flying. */
@@ -73,20 +74,17 @@ export class GamepadControl {
   }
 
   private poll(): void {
-    const connectedPads = (navigator.getGamepads?.() ?? []).filter((p): p is Gamepad => p !== null && p.connected);
-    if (connectedPads.length !== this.pads.length || connectedPads.some((p, i) => p.id !== this.pads[i]?.id || p.index !== this.pads[i]?.index)) {
-      this.pads = connectedPads.map(({ index, id }) => ({ index, id }));
+    const pads = connectedPads();
+    if (pads.length !== this.pads.length || pads.some((p, i) => p.id !== this.pads[i]?.id || p.index !== this.pads[i]?.index)) {
+      this.pads = pads.map(({ index, id }) => ({ index, id }));
     }
-    if (this.selectedIndex === null || (!this.engaged && !connectedPads.some((p) => p.index === this.selectedIndex)))
-      this.selectedIndex = connectedPads[0]?.index ?? null;
-    const pad = connectedPads.find((p) => p.index === this.selectedIndex) ?? null;
-    const snapshot: PadSnapshot | null = pad === null ? null : { index: pad.index, id: pad.id, axes: pad.axes, pressed: pad.buttons.map((b) => b.pressed) };
+    if (this.selectedIndex === null || (!this.engaged && !pads.some((p) => p.index === this.selectedIndex))) this.selectedIndex = pads[0]?.index ?? null;
+    const snapshot = pads.find((p) => p.index === this.selectedIndex) ?? null;
     this.stickControl.mode = this.mode;
     this.stickControl.deadmanButton = this.deadmanButton;
     this.stickControl.scale = SCALES[this.scaleIndex]?.scale ?? this.stickControl.scale;
     const inputs = {
-      visible: document.visibilityState === 'visible',
-      focused: document.hasFocus(),
+      ...pageState(),
       yaw_ned_rad: this.host?.yaw_ned_rad() ?? null,
       hoverThrust: this.host?.hoverThrust() ?? 0.5,
     };

@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
-import { StickControl, type PadSnapshot, type StickControlInputs } from './stick-control';
-import { attitudeSetpoint, CENTRED_STICKS, SCALES, STICK_CURVE, shapeAxis, STOP_SETPOINT, sticksOf, velocitySetpoint, type Scale } from './sticks';
+import { shapeAxis, type PadSnapshot } from '../../../vehicle/gamepad';
+import { StickControl, type StickControlInputs } from './stick-control';
+import { attitudeSetpoint, CENTRED_STICKS, SCALES, STICK_CURVE, STOP_SETPOINT, sticksOf, velocitySetpoint, type Scale } from './sticks';
 
 const SCALE: Scale = { speed_m_s: 4, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 20 };
 const READABLE_INPUTS: StickControlInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };

@@ -16,23 +16,14 @@ import {
   type Sticks,
   CENTRED_STICKS,
 } from './sticks';
+import { reasonUnreadable, type PadSnapshot, type PageState } from '../../../vehicle/gamepad';
 
 export const RATE_HZ = 25;
 /** Longest time step of the yaw's integration, so that the yaw does not jump after a pause [s]. */
 const MAX_STEP_S = 0.1;
 
-/** State of a gamepad at one moment. */
-export interface PadSnapshot {
-  index: number;
-  id: string;
-  axes: readonly number[];
-  pressed: readonly boolean[];
-}
-
-/** Inputs besides the gamepad. The page can read the sticks only while it is visible and has the focus. */
-export interface StickControlInputs {
-  visible: boolean;
-  focused: boolean;
+/** Inputs besides the gamepad. */
+export interface StickControlInputs extends PageState {
   /** The vehicle's current yaw; null: not known. */
   yaw_ned_rad: number | null;
   hoverThrust: number;
@@ -113,12 +104,6 @@ export class StickControl {
     this.yaw_ned_rad = wrapPi((this.yaw_ned_rad ?? inputs.yaw_ned_rad ?? 0) + sticks.turn * this.scale.turn_deg_s * (Math.PI / 180) * dt_s);
     return output(attitudeSetpoint(sticks, this.yaw_ned_rad, inputs.hoverThrust, this.scale));
   }
-}
-
-function reasonUnreadable(pad: PadSnapshot | null, inputs: StickControlInputs): string | null {
-  if (pad === null) return 'The gamepad was disconnected.';
-  if (!inputs.visible) return 'The page was hidden.';
-  return inputs.focused ? null : 'The window lost focus.';
 }
 
 function wrapPi(angle_rad: number): number {

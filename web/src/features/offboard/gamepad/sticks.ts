@@ -1,6 +1,7 @@
 /** Maps a gamepad's axes to a setpoint: dead zone, expo, scaling. Pure functions. */
 
 import type { Vector3 } from '../../../live/topics';
+import { shapeAxis, type StickCurve } from '../../../vehicle/gamepad';
 
 /** Stick positions from the pilot's view, each −1 to 1. */
 export interface Sticks {
@@ -12,13 +13,6 @@ export interface Sticks {
 }
 
 export const CENTRED_STICKS: Sticks = { forward: 0, right: 0, up: 0, turn: 0 };
-
-export interface StickCurve {
-  /** Dead zone, 0–0.5. */
-  deadZone: number;
-  /** Expo: 0 is linear, 1 is cubic with low sensitivity near the middle. */
-  expo: number;
-}
 
 export const STICK_CURVE: StickCurve = { deadZone: 0.1, expo: 0.4 };
 
@@ -40,15 +34,6 @@ export const SCALES: readonly { name: string; scale: Scale }[] = [
 export type PadMode = 'heading' | 'north' | 'attitude';
 
 const RAD_PER_DEG = Math.PI / 180;
-
-/** Applies dead zone and expo to one axis: 0 within the dead zone, ±1 at full deflection, continuous between. NaN gives 0. */
-export function shapeAxis(value: number, { deadZone, expo }: StickCurve): number {
-  if (!Number.isFinite(value)) return 0;
-  const magnitude = Math.min(1, Math.abs(value));
-  if (magnitude <= deadZone) return 0;
-  const x = (magnitude - deadZone) / (1 - deadZone);
-  return Math.sign(value) * (x * (1 - expo) + x ** 3 * expo);
-}
 
 /**
  * The stick positions from the four axes of the standard gamepad layout: the left stick climbs and turns, the right stick
