@@ -5,12 +5,13 @@ import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
 import { plotsShown } from './plots-shown.svelte';
 import { fieldsOfSet, type PlotSet } from './sets';
+import { trackFields, trackOf, type Track } from './track';
 
 type Schemas = components['schemas'];
 export type Overview = Schemas['FlightOverview'];
 export type Series = Schemas['LogSeries'];
 type Flight = Schemas['JoinedFlight'];
-type FlightRecord = Schemas['FlightRecord'];
+export type FlightRecord = Schemas['FlightRecord'];
 type LogVehicle = Schemas['LogVehicle'];
 /** A log of the open flight. */
 export interface LogPart {
@@ -68,6 +69,8 @@ export class LogView {
   /** What the server noted of the flight; null: not loaded. */
   record = $state.raw<FlightRecord | null>(null);
   parts = $state.raw<readonly LogPart[]>([]);
+  /** The flown path; null: not loaded, or no part has positions. */
+  track = $state.raw<Track | null>(null);
   problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
   panes = $state.raw<readonly Pane[]>([]);
   /** Id of the pane to which chosen fields are added. */
@@ -106,12 +109,27 @@ export class LogView {
     plotsShown.isOpen = true;
     this.shown = this.whole;
     this.addPane();
-    if (flight === null) return;
+    if (flight === null) {
+      await this.loadTrack();
+      return;
+    }
     const response = await this.api.get('/flights/{f}/joined', { params: { path: { f: flight.id } } });
     if (this.flight !== flight) return;
     if (response.ok) this.record = response.value;
     else this.problem = response.problem;
     for (const other of others) await this.addPart(other);
+    await this.loadTrack();
+  }
+
+  /** Loads the flown path of the whole flight, of the first part that has positions. */
+  private async loadTrack(): Promise<void> {
+    const { flight, whole } = this;
+    const fields = trackFields(this.sources);
+    const index = partOf(fields?.[0] ?? '');
+    const part = this.parts[index];
+    if (fields === null || part === undefined) return;
+    const loaded = await this.loadPart(part, index, fields, whole);
+    if (loaded !== null && this.flight === flight && this.parts.includes(part)) this.track = trackOf(loaded.map(([, series]) => series));
   }
 
   /** Loads a part of the open flight. @returns false: it could not be loaded, or another flight was opened meanwhile. */
@@ -129,6 +147,7 @@ export class LogView {
     if (this.timer !== null) clearTimeout(this.timer);
     this.id = this.flight = this.record = this.problem = this.cursor_s = null;
     this.parts = [];
+    this.track = null;
     plotsShown.isOpen = false;
     this.panes = [];
     this.series = new Map();
@@ -249,10 +268,9 @@ export class LogView {
     const own = fields.filter((field) => partOf(field) === index);
     if (own.length === 0) return [];
     const { file, offset_s } = part;
-    const { request } = this;
     const query = { field: own.map(unprefixed), from_s: shown.from_s - offset_s, to_s: shown.to_s - offset_s, points: POINTS };
     const response = await this.api.get('/flights/{f}/series', { params: { path: { f: file }, query } });
-    if (request !== this.request) return null;
+    if (!this.parts.includes(part)) return null;
     if (!response.ok) {
       this.problem = response.problem;
       return null;

@@ -4,7 +4,7 @@ import { plotsShown } from './plots-shown.svelte';
 
 const ROOM = 'flights';
 /** Part of the page's height that the plots take. The rest has the map, with the action bar. */
-const PLOTS = 0.56;
+const PLOTS = 0.46;
 
 registry.addRoom({
   id: ROOM,

@@ -1,0 +1,41 @@
+import { describe, expect, it } from 'vitest';
+import type { FieldSource, Series } from './log-view.svelte';
+import { positionOn, trackFields, trackLayer, trackOf } from './track';
+
+const source = (prefix: string, id: string, fields: readonly string[]): FieldSource => {
+  const named = fields.map((name) => ({ name, unit: null, type: 'float64' }));
+  const [name = '', instance = ''] = id.split(':');
+  return { source: 'recording', prefix, topics: [{ id, name, instance, samples: 2, begin_s: 0, end_s: 1, rate_hz: 1, fields: named }] };
+};
+const series = (t_s: readonly number[], values: readonly (number | null)[]): Series => ({
+  field: 'x',
+  unit: null,
+  samples: t_s.length,
+  t_s: [...t_s],
+  values: [...values],
+});
+
+describe('the flown path of a log', () => {
+  it('is of the first part that has positions', () => {
+    expect(trackFields([source('', 'battery_status:0', ['voltage_v'])])).toBeNull();
+    const position = source('1|', 'GLOBAL_POSITION_INT:7.1', ['lat', 'lon', 'alt', 'hdg']);
+    expect(trackFields([source('', 'battery_status:0', ['voltage_v']), position])?.[0]).toBe('1|{GLOBAL_POSITION_INT:7.1/lat} * 0.0000001');
+    expect(trackFields([source('', 'vehicle_global_position:0', ['lat', 'lon', 'alt'])])?.[1]).toBe('vehicle_global_position:0/lon');
+  });
+
+  it('has the vehicle at the cursor, between its points', () => {
+    const track = trackOf([series([0, 5, 10], [47, 47.5, 48]), series([0, 10], [8, 9]), series([0, 10], [480, 500]), series([0, 4], [10, 90])]);
+    expect(positionOn(track, 5)).toEqual({ t_s: 5, lat_deg: expect.closeTo(47.5, 6), lon_deg: expect.closeTo(8.5, 6), alt_amsl_m: expect.closeTo(490, 6) });
+    expect([positionOn(track, -1), positionOn(track, 11)]).toEqual([null, null]);
+    const layer = trackLayer(track, 5, null);
+    expect(layer?.points[0]).toMatchObject({ mark: 'vehicle', yaw_deg: 90 });
+    expect(layer?.ground?.alt_amsl_m).toBe(480);
+    expect(trackLayer(track, null, null)?.points).toEqual([]);
+  });
+
+  it('leaves out what is no position', () => {
+    const track = trackOf([series([0, 1, 1.001, 10], [0, 0, 47, 47]), series([0, 1, 1.001, 10], [0, 0, 8, 8]), series([0, 10], [0, 480]), undefined]);
+    expect(track.points.every(({ lat_deg }) => lat_deg > 40)).toBe(true);
+    expect(trackLayer(trackOf([undefined, undefined, undefined, undefined]), 1, null)).toBeNull();
+  });
+});

@@ -1,0 +1,123 @@
+/** The flown path of an open flight, for the map and the 3D view. Pure functions. */
+
+import type { LayerContent, LayerPosition } from '../../app/map-layers.svelte';
+import { positionAt } from '../../vehicle/geo';
+import type { FieldSource, FlightRecord, Series } from './log-view.svelte';
+
+/** Fields or expressions of a part: latitude and longitude [°], altitude above sea level [m], heading [°]. */
+export type TrackFields = readonly [lat: string, lon: string, alt: string, yaw: string];
+export interface TrackPoint {
+  readonly t_s: number;
+  readonly lat_deg: number;
+  readonly lon_deg: number;
+  readonly alt_amsl_m: number;
+}
+export interface Track {
+  readonly points: readonly TrackPoint[];
+  /** Heading [°], at its own times. */
+  readonly yaw: Series | undefined;
+}
+
+/** Number of points of a track. */
+const POINTS = 1500;
+
+/** The fields of positions of the first part that has them; null: none has. */
+export function trackFields(sources: readonly FieldSource[]): TrackFields | null {
+  for (const { prefix, topics } of sources) {
+    const id = (name: string, field: string): string | undefined =>
+      topics.find((topic) => topic.name === name && topic.fields.some((each) => each.name === field))?.id;
+    const px4 = id('vehicle_global_position', 'lat');
+    if (px4 !== undefined) {
+      const q = [0, 1, 2, 3].map((i) => `{${id('vehicle_attitude', 'q[0]') ?? 'vehicle_attitude:0'}/q[${i}]}`).join(', ');
+      const yaw = id('vehicle_attitude', 'q[0]') === undefined ? `${px4}/lat` : `yaw(${q})`;
+      return [`${prefix}${px4}/lat`, `${prefix}${px4}/lon`, `${prefix}${px4}/alt`, `${prefix}${yaw}`];
+    }
+    const mavlink = id('GLOBAL_POSITION_INT', 'lat');
+    if (mavlink !== undefined) {
+      const scaled = (field: string, factor: string): string => `${prefix}{${mavlink}/${field}} * ${factor}`;
+      return [scaled('lat', '0.0000001'), scaled('lon', '0.0000001'), scaled('alt', '0.001'), scaled('hdg', '0.01')];
+    }
+  }
+  return null;
+}
+
+/** The track of the values of `trackFields`, without a latitude of exactly 0°, which says that there is no position. */
+export function trackOf([anyLat, lon, alt, yaw]: readonly (Series | undefined)[]): Track {
+  const lat = anyLat === undefined ? undefined : { ...anyLat, values: anyLat.values.map((value) => (value === 0 ? null : value)) };
+  const [first_s, last_s] = [lat?.t_s[0], lat?.t_s.at(-1)];
+  if (lat === undefined || lon === undefined || alt === undefined || first_s === undefined || last_s === undefined) return { points: [], yaw };
+  const points: TrackPoint[] = [];
+  for (let i = 0; i < POINTS; i += 1) {
+    const t_s = first_s + ((last_s - first_s) * i) / (POINTS - 1);
+    const [lat_deg, lon_deg, alt_amsl_m] = [lat, lon, alt].map((series) => between(series, t_s));
+    if (lat_deg == null || lon_deg == null || alt_amsl_m == null) continue;
+    points.push({ t_s, lat_deg, lon_deg, alt_amsl_m });
+  }
+  return { points, yaw };
+}
+
+/** Where the track is at a time, between its points; null: before its first or after its last one. */
+export function positionOn({ points }: Track, t_s: number): TrackPoint | null {
+  const next = points.findIndex((point) => point.t_s >= t_s);
+  const [a, b] = [points[Math.max(0, next - 1)], points[next]];
+  if (a === undefined || b === undefined || (next === 0 && b.t_s > t_s)) return null;
+  const part = b.t_s === a.t_s ? 0 : (t_s - a.t_s) / (b.t_s - a.t_s);
+  const mix = (from: number, to: number): number => from + (to - from) * part;
+  return { t_s, lat_deg: mix(a.lat_deg, b.lat_deg), lon_deg: mix(a.lon_deg, b.lon_deg), alt_amsl_m: mix(a.alt_amsl_m, b.alt_amsl_m) };
+}
+
+/** The flown path, the planned one, and the vehicle at the cursor; null: no position is known. */
+export function trackLayer(track: Track | null, cursor_s: number | null, record: FlightRecord | null): LayerContent | null {
+  const [first] = track?.points ?? [];
+  if (track === null || first === undefined) return null;
+  const at = cursor_s === null ? null : positionOn(track, cursor_s);
+  const yaw_deg = cursor_s === null ? null : newest(track.yaw, cursor_s);
+  const vehicle =
+    at === null ? [] : [{ ...at, id: 'cursor', mark: 'vehicle' as const, tone: 'actual' as const, text: '', selected: true, yaw_deg: yaw_deg ?? 0 }];
+  return {
+    points: vehicle,
+    lines: [
+      ...plannedLines(record).map((positions) => ({ positions, tone: 'target' as const, style: 'dashed' as const })),
+      { positions: track.points, tone: 'actual' as const, style: 'solid' as const },
+    ],
+    areas: [],
+    ground: { lat_deg: first.lat_deg, lon_deg: first.lon_deg, alt_amsl_m: Math.min(...track.points.map(({ alt_amsl_m }) => alt_amsl_m)) },
+  };
+}
+
+/** The planned path of the flown plan or program: one line for each leg. */
+function plannedLines(record: FlightRecord | null): LayerPosition[][] {
+  const flown = record?.plan?.flown;
+  if (flown?.origin == null) return [];
+  const { origin } = flown;
+  return flown.planned_legs
+    .map(({ points }) =>
+      points.map(([, north_m = 0, east_m = 0, down_m = 0]) => ({ ...positionAt(origin, { north_m, east_m }), alt_amsl_m: origin.alt_amsl_m - down_m })),
+    )
+    .filter((positions) => positions.length > 1);
+}
+
+/** A value between the samples around a time. */
+function between({ t_s: times, values }: Series, t_s: number): number | null {
+  const next = upper(times, t_s);
+  const [a, b] = [values[next - 1] ?? null, values[next] ?? null];
+  const [from_s, to_s] = [times[next - 1], times[next]];
+  if (from_s === undefined || to_s === undefined) return a ?? b;
+  if (a === null || b === null) return null;
+  return a + ((b - a) * (t_s - from_s)) / (to_s - from_s);
+}
+
+function newest(series: Series | undefined, t_s: number): number | null {
+  return series === undefined ? null : (series.values[upper(series.t_s, t_s) - 1] ?? null);
+}
+
+/** Index of the first time after a time. */
+function upper(times: readonly number[], t_s: number): number {
+  let [low, high] = [0, times.length];
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if ((times[middle] ?? Infinity) <= t_s) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
