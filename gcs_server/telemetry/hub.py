@@ -37,6 +37,7 @@ from gcs_server.telemetry.wire import (
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet
 from gcs_server.vehicle.samples import TOPICS
+from gcs_server.vehicle.services.inspector import MessageInspector
 from gcs_server.vehicle.services.manual_control import ManualControlService
 from gcs_server.vehicle.services.shell import ShellService
 from gcs_server.vehicle.vehicle import Vehicle
@@ -53,6 +54,7 @@ IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
 ROS2_TOPICS_PERIOD_S = 0.5
 SHELL_PERIOD_S = 0.1
+MAVLINK_PERIOD_S = 0.5
 PERIODS_S = {
     "offboard": OFFBOARD_PERIOD_S,
     "offboard_mission": OFFBOARD_PERIOD_S,
@@ -64,12 +66,13 @@ PERIODS_S = {
     "manual_control": OFFBOARD_PERIOD_S,
     "ros2_topics": ROS2_TOPICS_PERIOD_S,
     "shell": SHELL_PERIOD_S,
+    "mavlink_messages": MAVLINK_PERIOD_S,
 }
 """Topics of the server, and the period at which each is checked for a change [s]. Only a change creates a new
 sample."""
 SERVER_TOPICS = frozenset(PERIODS_S) | {"readiness"}
 ALL_TOPICS = frozenset(TOPICS) | SERVER_TOPICS
-ON_REQUEST = frozenset({"ros2_topics", "shell"})
+ON_REQUEST = frozenset({"ros2_topics", "shell", "mavlink_messages"})
 """Topics that `"topics": "*"` does not include."""
 CLOSE_TOO_SLOW = 1013
 
@@ -174,6 +177,8 @@ class EncodedSamples:
         """The current value of a topic of the server; None if the vehicle does not have it."""
         if topic == "ros2_topics":
             return self.inspect(vehicle)
+        if topic == "mavlink_messages":
+            return vehicle.service(MessageInspector).received()
         if topic == "shell":
             return vehicle.service(ShellService).newest()
         if topic == "manual_control":

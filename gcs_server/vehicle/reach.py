@@ -16,7 +16,15 @@ from gcs_server.errors import Refused
 from gcs_server.vehicle.endpoint import MAVLINK, NO_DATA_AFTER_S, ROS2, Endpoint, protocol_in_use
 
 Feature = Literal[
-    "parameters", "mission_transfer", "files", "gimbal", "camera", "arming_report", "shell", "manual_control"
+    "parameters",
+    "mission_transfer",
+    "files",
+    "gimbal",
+    "camera",
+    "arming_report",
+    "shell",
+    "manual_control",
+    "raw_messages",
 ]
 """A feature that only MAVLink carries."""
 NEEDS_MAVLINK: Final[dict[Feature, str]] = {
@@ -28,6 +36,7 @@ NEEDS_MAVLINK: Final[dict[Feature, str]] = {
     "arming_report": "reports of the arming checks",
     "shell": "console",
     "manual_control": "stick positions",
+    "raw_messages": "single MAVLink messages",
 }
 """Each feature as the object of "ROS 2 carries no …"."""
 FEATURES: Final[tuple[Feature, ...]] = get_args(Feature)

@@ -71,8 +71,8 @@ class Vehicle:
         "_handled_ids", "_handlers", "_identity", "_known_links", "_lost", "_services", "_state",
         "_supervisor",
         "clock", "command", "components", "control", "events", "ftp", "gimbal", "gimbals", "guided",
-        "health", "id", "isolation", "listeners", "mailbox", "metadata", "mission", "mode_list", "mode_names",
-        "offboard", "offboard_mission", "own_ids", "params", "tickets", "waypoint_flight",
+        "health", "id", "inspect", "isolation", "listeners", "mailbox", "metadata", "mission", "mode_list",
+        "mode_names", "offboard", "offboard_mission", "own_ids", "params", "tickets", "waypoint_flight",
     )  # fmt: skip
 
     def __init__(
@@ -90,6 +90,8 @@ class Vehicle:
         self.isolation = Isolation(clock, log, f"Vehicle {vehicle_id}")
         """Runs code that may fail because of this vehicle's data: a topic, a snapshot, a view."""
         self.mailbox = Mailbox(decode)
+        self.inspect: Callable[[Frame, Endpoint], None] | None = None
+        """Called with each message before it is handled; None: nobody looks."""
         self.listeners: set[Callable[[], None]] = set()
         """Called after each message, before other tasks run; usually empty."""
         self.events = EventFeed(vehicle_id)
@@ -358,6 +360,8 @@ class Vehicle:
     def receive(self, frame: Frame, endpoint: Endpoint) -> None:
         """Handles a frame of this vehicle from one of its endpoints."""
         msg_id = frame.msg_id
+        if self.inspect is not None and not endpoint.over_ros2:
+            self.inspect(frame, endpoint)
         if endpoint.over_ros2 and msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK:
             within_s = ESTIMATES_WITHIN_S if msg_id in ESTIMATE_IDS else None
             if endpoint not in preferred_endpoints(self._endpoints, MAVLINK, within_s):

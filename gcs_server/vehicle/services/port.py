@@ -6,9 +6,11 @@ from collections.abc import Callable, Coroutine
 from typing import Any, Protocol
 
 from gcs_server.clock import Clock
+from gcs_server.mavlink.codec import Frame
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Mailbox
 from gcs_server.vehicle.components import Components
+from gcs_server.vehicle.endpoint import Endpoint
 from gcs_server.vehicle.events import EventFeed
 from gcs_server.vehicle.gimbals import GimbalAddress
 from gcs_server.vehicle.identity import Identity
@@ -64,6 +66,8 @@ class VehiclePort(Protocol):
     @property
     def ftp(self) -> Files: ...
 
+    inspect: Callable[[Frame, Endpoint], None] | None
+    """Called with each message of the vehicle before it is handled; None: nobody looks."""
     own_ids: tuple[int, int]
     """This server's (system id, component id), to which acknowledgements must be addressed."""
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 
 from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.gimbal_setup import GimbalSetupService
+from gcs_server.vehicle.services.inspector import MessageInspector
 from gcs_server.vehicle.services.logs import LogService
 from gcs_server.vehicle.services.manual_control import ManualControlService
 from gcs_server.vehicle.services.param_changes import ParamChanges
+from gcs_server.vehicle.services.raw_messages import RawMessages
 from gcs_server.vehicle.services.restart import RestartService
 from gcs_server.vehicle.services.shell import ShellService
 
@@ -16,7 +18,9 @@ SERVICES = (
     GimbalSetupService,
     LogService,
     ManualControlService,
+    MessageInspector,
     ParamChanges,
+    RawMessages,
     RestartService,
     ShellService,
 )

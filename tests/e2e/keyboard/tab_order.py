@@ -113,7 +113,14 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         return lambda: page.keyboard.press(character)
 
     keys = {"messages": "n", "values": "v", "readiness": "y", "parameters": "i", "control": "c", "help": "?"}
-    keys |= {"vehicles": "j", "guide": "b", "console": "s", "measure": "d", "search": "Control+k"}
+    keys |= {
+        "vehicles": "j",
+        "guide": "b",
+        "console": "s",
+        "inspector": "Shift+X",
+        "measure": "d",
+        "search": "Control+k",
+    }
     keys |= {"modes": "Shift+M", "map sources": "Shift+F", "settings": "Shift+U"}
     inputs = [(f"view: {name}", input_opener(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
     return [

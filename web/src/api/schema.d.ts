@@ -1454,6 +1454,112 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/mavlink/messages": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Message Names
+         * @description The messages of the server's dialect.
+         */
+        readonly get: operations["message_names_api_v1_mavlink_messages_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/mavlink/messages/{name}": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Message Definition
+         * @description The fields of a message: type, unit, enumeration.
+         */
+        readonly get: operations["message_definition_api_v1_mavlink_messages__name__get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/mavlink": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Received
+         * @description What arrives of the vehicle: every message of every component with rate, age and fields as they come,
+         *     and what is lost. The server counts only while somebody looks, so that the first answer is empty; it ends
+         *     ten seconds after the last look. For continuous values subscribe to the telemetry topic
+         *     `mavlink_messages`.
+         */
+        readonly get: operations["received_api_v1_vehicles__v__mavlink_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/mavlink/series": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Series
+         * @description All values of fields of one message, at its full rate: those that arrived after `after_s`. The server
+         *     keeps the newest 4,000 messages from the first request on, of at most eight kinds, while it is asked.
+         */
+        readonly get: operations["series_api_v1_vehicles__v__mavlink_series_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/mavlink/send": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Send
+         * @description Sends one message as it is. Needs control; refused for what has a command of its own, and while the
+         *     vehicle is armed unless `while_armed` is set. It is sent once; of a command the acknowledgement is
+         *     awaited.
+         */
+        readonly post: operations["send_api_v1_vehicles__v__mavlink_send_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/logs": {
         readonly parameters: {
             readonly query?: never;
@@ -5901,6 +6007,22 @@ export interface components {
             readonly unreadable: readonly string[];
         };
         /**
+         * EnumValue
+         * @description One value of an enumeration.
+         */
+        readonly EnumValue: {
+            /**
+             * Value
+             * @description The number.
+             */
+            readonly value: number;
+            /**
+             * Name
+             * @description Its name in the dialect.
+             */
+            readonly name: string;
+        };
+        /**
          * EraseLogs
          * @description Confirmation that all logs of a vehicle are erased.
          */
@@ -6075,6 +6197,29 @@ export interface components {
              * @description What is wrong with the value.
              */
             readonly message: string;
+        };
+        /**
+         * FieldSeries
+         * @description The values of fields of one message.
+         */
+        readonly FieldSeries: {
+            /**
+             * Now S
+             * @description Time of the answer, on the clock of `times_s` [s].
+             */
+            readonly now_s: number;
+            /**
+             * Times S
+             * @description Arrivals, on the server's monotonic clock [s].
+             */
+            readonly times_s: readonly number[];
+            /**
+             * Values
+             * @description By field, `name` or `name[index]`; null: not finite.
+             */
+            readonly values: {
+                readonly [key: string]: readonly (number | null)[];
+            };
         };
         /**
          * FigureEight
@@ -10326,6 +10471,63 @@ export interface components {
             };
         };
         /**
+         * MessageDefinition
+         * @description A message of the dialect.
+         */
+        readonly MessageDefinition: {
+            /**
+             * Id
+             * @description Number of the message.
+             */
+            readonly id: number;
+            /**
+             * Name
+             * @description Name of the message.
+             */
+            readonly name: string;
+            /**
+             * Fields
+             * @description Its fields, in the dialect's order.
+             */
+            readonly fields: readonly components["schemas"]["MessageField"][];
+        };
+        /**
+         * MessageField
+         * @description A field of a message.
+         */
+        readonly MessageField: {
+            /**
+             * Name
+             * @description Name in the dialect.
+             */
+            readonly name: string;
+            /**
+             * Type
+             * @description Type of the value, or of each element: `float`, `uint16_t`, `char`.
+             */
+            readonly type: string;
+            /**
+             * Length
+             * @description Number of elements of an array, or of characters of a text; 0: one value.
+             */
+            readonly length: number;
+            /**
+             * Unit
+             * @description Unit in the dialect.
+             */
+            readonly unit: string | null;
+            /**
+             * Enum
+             * @description Enumeration of its values.
+             */
+            readonly enum: string | null;
+            /**
+             * Values
+             * @description The values of the enumeration.
+             */
+            readonly values: readonly components["schemas"]["EnumValue"][];
+        };
+        /**
          * MessageMark
          * @description A status text or event.
          */
@@ -10345,6 +10547,24 @@ export interface components {
              * @description Text.
              */
             readonly text: string;
+        };
+        /**
+         * MessageNames
+         * @description The messages of the dialect.
+         */
+        readonly MessageNames: {
+            /**
+             * Messages
+             * @description Names that can be sent, sorted.
+             */
+            readonly messages: readonly string[];
+            /**
+             * Refused
+             * @description Messages that are not sent as they are, and the call that does it.
+             */
+            readonly refused: {
+                readonly [key: string]: string;
+            };
         };
         /**
          * Messages
@@ -13677,6 +13897,52 @@ export interface components {
             readonly thrust: number;
         };
         /**
+         * RawMessage
+         * @description A message for the vehicle, as it is.
+         */
+        readonly RawMessage: {
+            /**
+             * Message
+             * @description Name of the message.
+             * @example COMMAND_LONG
+             */
+            readonly message: string;
+            /**
+             * Fields
+             * @description Its fields: numbers (null: NaN), lists for arrays, texts. What is not given is 0; `target_system` is
+             *     the vehicle, `target_component` the autopilot.
+             */
+            readonly fields: {
+                readonly [key: string]: number | string | readonly (number | string | null)[] | null;
+            };
+            /**
+             * While Armed
+             * @description Send it also while the vehicle is armed. It acts at once, and nothing of it is checked.
+             */
+            readonly while_armed?: boolean;
+            /**
+             * Confirm
+             * @description Exactly `{message} is sent unchecked to vehicle {vehicle}`.
+             */
+            readonly confirm: string;
+        };
+        /**
+         * RawMessageAnswer
+         * @description How the vehicle answered.
+         */
+        readonly RawMessageAnswer: {
+            /**
+             * Acknowledged
+             * @description Whether an acknowledgement came; null: the message has none.
+             */
+            readonly acknowledged: boolean | null;
+            /**
+             * Result
+             * @description MAV_RESULT of the acknowledgement.
+             */
+            readonly result: string | null;
+        };
+        /**
          * Reach
          * @description Protocols over which a vehicle is connected, and the protocol of each kind of data.
          */
@@ -13706,7 +13972,7 @@ export interface components {
              * @description Features that the vehicle's links do not carry; requests that need them are refused immediately. Empty
              *     over MAVLink.
              */
-            readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report" | "shell" | "manual_control")[];
+            readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report" | "shell" | "manual_control" | "raw_messages")[];
         };
         /**
          * ReadinessCause
@@ -13775,6 +14041,106 @@ export interface components {
              * @description Reason and action, as sentences.
              */
             readonly text: string;
+        };
+        /**
+         * ReceivedLoss
+         * @description Messages of one component on one link.
+         */
+        readonly ReceivedLoss: {
+            /**
+             * Component
+             * @description The component.
+             */
+            readonly component: number;
+            /**
+             * Link
+             * @description The link.
+             */
+            readonly link: string;
+            /**
+             * Received
+             * @description Messages since counting began.
+             */
+            readonly received: number;
+            /**
+             * Lost
+             * @description Missing numbers between them: lost on the way, or sent to others.
+             */
+            readonly lost: number;
+        };
+        /**
+         * ReceivedMessage
+         * @description A kind of message of one component.
+         */
+        readonly ReceivedMessage: {
+            /**
+             * Id
+             * @description Number of the message.
+             */
+            readonly id: number;
+            /**
+             * Name
+             * @description Name of the message; null: not in the server's dialect.
+             */
+            readonly name: string | null;
+            /**
+             * Component
+             * @description Component that sends it.
+             */
+            readonly component: number;
+            /**
+             * Count
+             * @description Messages since counting began.
+             */
+            readonly count: number;
+            /**
+             * Rate Hz
+             * @description Rate, average of the last 10 s [Hz]; null: one message.
+             */
+            readonly rate_hz: number | null;
+            /**
+             * Age S
+             * @description Age of the newest [s].
+             */
+            readonly age_s: number;
+            /**
+             * Size Bytes
+             * @description Size of the newest, without the zeros at its end that MAVLink 2 leaves out [bytes].
+             */
+            readonly size_bytes: number;
+            /**
+             * Fields
+             * @description Fields of the newest, as they came; a number that is not finite is null. Null: not in the dialect.
+             */
+            readonly fields: {
+                readonly [key: string]: number | string | readonly (number | null)[] | null;
+            } | null;
+        };
+        /**
+         * ReceivedMessages
+         * @description What arrived of one vehicle.
+         */
+        readonly ReceivedMessages: {
+            /**
+             * Since S
+             * @description Time since counting began [s].
+             */
+            readonly since_s: number;
+            /**
+             * Messages
+             * @description By component and name.
+             */
+            readonly messages: readonly components["schemas"]["ReceivedMessage"][];
+            /**
+             * Loss
+             * @description By component and link.
+             */
+            readonly loss: readonly components["schemas"]["ReceivedLoss"][];
+            /**
+             * Left Out
+             * @description Messages of further kinds, which are not shown.
+             */
+            readonly left_out: number;
         };
         /**
          * RecordedFlight
@@ -22692,6 +23058,312 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["HoldResults"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly message_names_api_v1_mavlink_messages_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MessageNames"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly message_definition_api_v1_mavlink_messages__name__get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly name: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["MessageDefinition"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly received_api_v1_vehicles__v__mavlink_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["ReceivedMessages"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly series_api_v1_vehicles__v__mavlink_series_get: {
+        readonly parameters: {
+            readonly query: {
+                /** @description Name of the message. */
+                readonly message: string;
+                /** @description `name` or `name[index]`; repeated for several. */
+                readonly field: readonly string[];
+                /** @description Component that sends it. */
+                readonly component?: number;
+                /** @description Time of the last value that the client has; 0: all that is kept. */
+                readonly after_s?: number;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FieldSeries"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly send_api_v1_vehicles__v__mavlink_send_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["RawMessage"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["RawMessageAnswer"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -39,6 +39,7 @@ const { cameraControl } = await import('./camera/controllers');
 const { control } = await import('./control/controllers');
 const { paramPanel } = await import('./params/controllers');
 const { shellPanel } = await import('./shell/controllers');
+const { messageForm } = await import('./inspector/controllers');
 const { readinessPanel } = await import('./readiness/controllers');
 const { BATCH_ACTIONS, batchCommand } = await import('./vehicles/batch');
 const { vehicleList } = await import('./vehicles/controllers');
@@ -183,6 +184,9 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'hold by stick': { click: (facts) => holdByStick(facts) },
   'turn the gimbal by stick': { click: (facts) => gimbalControl.turnAt(facts, 10, 0), series: true },
   'take a photo': { click: (facts) => cameraControl.takePhoto(facts, facts.components[0] as never) },
+  'send a MAVLink message': {
+    click: (facts) => messageForm.send(page.api, { vehicle: facts.id, message: 'PING', fields: { seq: 1 }, whileArmed: true }),
+  },
   'send a line to the console': { click: (facts) => shellPanel.send(page.api, facts.id, 'gimbal status', true) },
   'set a parameter': { click: (facts) => paramPanel.set(page.api, facts.id, 'MPC_XY_CRUISE', 3) },
   'switch to a ready mode': { click: (facts) => readinessPanel.switchMode(page.api, facts.id, 'hold') },
@@ -415,6 +419,8 @@ function viewOfOther(): string {
   return JSON.stringify([
     paramPanel.problemOf('2'),
     shellPanel.problemOf('2'),
+    messageForm.problemOf('2'),
+    messageForm.resultOf('2'),
     readinessPanel.problemOf('2'),
     vehicleMission.problem,
     vehicleMission.missionView?.vehicle ?? '2',

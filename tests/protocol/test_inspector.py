@@ -1,0 +1,211 @@
+"""The MAVLink inspector with the simulated vehicle: what arrives, at which rate and loss, plotted fields, and
+messages that a person writes."""
+
+import asyncio
+
+import pytest
+
+from gcs_server.api import inspector_routes
+from gcs_server.control.commands import BY_CALL
+from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.definitions import IDS, definition, payload_of
+from gcs_server.mavlink.tables import LAYOUTS
+from gcs_server.vehicle.services import inspector as inspector_module
+from gcs_server.vehicle.services import raw_messages
+from gcs_server.vehicle.services.inspector import IDLE_S, MessageInspector
+from gcs_server.vehicle.services.raw_messages import RawMessages
+from tests.protocol.api_calls import ANNA, journal_entries, json_of, run_with_routes
+from tests.protocol.memory_testbed import MemoryTestbed
+from tests.protocol.simulated_autopilot import SimulatedAutopilot
+
+
+def run_with_inspector(run_simulated, scenario, *, loss=0.0):
+    async def run():
+        testbed = MemoryTestbed()
+        autopilot = SimulatedAutopilot(testbed.link())
+        try:
+            vehicle = await testbed.wait_for_vehicle()
+            autopilot.loss = loss
+            await scenario(vehicle, vehicle.service(MessageInspector), autopilot)
+        finally:
+            autopilot.alive = False
+            await testbed.close()
+
+    run_simulated(run)
+
+
+def by_name(received):
+    return {(message.component, message.name): message for message in received.messages}
+
+
+def test_every_message_has_rate_age_and_fields_as_they_came(run_simulated):
+    async def scenario(vehicle, inspector, autopilot):
+        assert inspector.received().messages == ()
+        await asyncio.sleep(6.5)
+        received = inspector.received()
+        attitude = by_name(received)[(1, "ATTITUDE")]
+        assert attitude.rate_hz == pytest.approx(attitude.count / received.since_s, rel=0.1)
+        assert attitude.age_s < 0.2
+        assert list(attitude.fields) == [field.name for field in definition("ATTITUDE").fields]
+        assert attitude.fields["roll"] == pytest.approx(vehicle.topic("attitude").value.roll_rad, abs=0.01)
+        assert by_name(received)[(1, "HEARTBEAT")].rate_hz == pytest.approx(1.0, rel=0.2)
+        assert [(loss.component, loss.lost) for loss in received.loss if loss.component == 1] == [(1, 0)]
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_loss_is_counted_and_the_rate_of_what_stops_falls(run_simulated):
+    async def scenario(vehicle, inspector, autopilot):
+        inspector.received()
+        await asyncio.sleep(5)
+        (loss,) = [each for each in inspector.received().loss if each.component == 1]
+        assert loss.lost / (loss.received + loss.lost) == pytest.approx(0.2, abs=0.06)
+        autopilot.loss = 1.0
+        before = by_name(inspector.received())[(1, "ATTITUDE")].rate_hz
+        await asyncio.sleep(3)
+        after = by_name(inspector.received())[(1, "ATTITUDE")]
+        assert after.rate_hz < 0.75 * before
+        assert after.age_s == pytest.approx(3, abs=0.2)
+
+    run_with_inspector(run_simulated, scenario, loss=0.2)
+
+
+def test_nothing_is_counted_while_nobody_looks(run_simulated):
+    async def scenario(vehicle, inspector, autopilot):
+        assert vehicle.inspect is None
+        inspector.received()
+        assert vehicle.inspect is not None
+        await asyncio.sleep(IDLE_S + 5)
+        assert vehicle.inspect is None
+        assert inspector.received().messages == ()
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_a_plotted_field_has_every_value_and_what_is_kept_is_bounded(run_simulated, monkeypatch):
+    monkeypatch.setattr(inspector_module, "MAX_MESSAGES", 5)
+    monkeypatch.setattr(inspector_module, "MAX_FOLLOWED", 2)
+
+    async def scenario(vehicle, inspector, autopilot):
+        inspector.series("ATTITUDE", 1, ["roll"], 0.0)
+        await asyncio.sleep(2)
+        first = inspector.series("ATTITUDE", 1, ["roll", "yaw"], 0.0)
+        assert len(first.times_s) > 10
+        assert len(first.values["roll"]) == len(first.values["yaw"]) == len(first.times_s)
+        await asyncio.sleep(1)
+        then = inspector.series("ATTITUDE", 1, ["roll"], first.times_s[-1])
+        assert then.times_s
+        assert then.times_s[0] > first.times_s[-1]
+        servo = inspector.series("SERVO_OUTPUT_RAW", 1, ["servo1_raw"], 0.0)
+        assert servo.times_s == [] or servo.values["servo1_raw"]
+        inspector.series("BATTERY_STATUS", 1, ["voltages[0]"], 0.0)
+        assert len(inspector._followed) == 2
+        for message, field in (
+            ("ATTITUDE", "rol"),
+            ("ATTITUDE", "roll[0]"),
+            ("BATTERY_STATUS", "voltages"),
+            ("BATTERY_STATUS", "voltages[10]"),
+            ("STATUSTEXT", "text"),
+            ("NO_MESSAGE", "roll"),
+        ):
+            with pytest.raises(InvalidRequest):
+                inspector.series(message, 1, [field], 0.0)
+        received = inspector.received()
+        assert len(received.messages) == 5
+        assert received.left_out > 0
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_any_message_can_be_built_and_described():
+    for name in IDS:
+        described = definition(name)
+        layout = LAYOUTS[described.id]
+        assert payload_of(name, {}) == bytes(layout.unpacker.size)
+        values = {}
+        for field in described.fields:
+            value = "a" if field.type == "char" else 1
+            values[field.name] = [value] * field.length if field.length and field.type != "char" else value
+        assert len(payload_of(name, values)) == layout.unpacker.size
+
+
+def test_a_wrong_field_is_named():
+    for name, fields, text in (
+        ("NO_MESSAGE", {}, "no message"),
+        ("PING", {"sequence": 1}, "no such field"),
+        ("PING", {"seq": -1}, "whole number from 0"),
+        ("PING", {"seq": 1.5}, "whole number"),
+        ("PING", {"seq": True}, "whole number"),
+        ("PING", {"seq": None}, "whole number"),
+        ("ATTITUDE", {"roll": "x"}, "a number"),
+        ("ATTITUDE", {"roll": 1e39}, "float"),
+        ("ATTITUDE", {"roll": float("inf")}, "a number"),
+        ("STATUSTEXT", {"text": "x" * 51}, "at most 50"),
+        ("STATUSTEXT", {"text": "ü"}, "ASCII"),
+        ("PLAY_TUNE", {"tune": 1}, "a text"),
+        ("BATTERY_STATUS", {"voltages": [1] * 11}, "at most 10"),
+        ("BATTERY_STATUS", {"voltages": 1}, "a list"),
+    ):
+        with pytest.raises(InvalidRequest, match=text):
+            payload_of(name, fields)
+
+
+def test_a_message_is_sent_once_and_a_command_has_its_answer(run_simulated):
+    async def scenario(vehicle, inspector, autopilot):
+        messages = vehicle.service(RawMessages)
+        request = {"command": d.MAV_CMD_REQUEST_MESSAGE, "param1": d.MAVLINK_MSG_ID_AUTOPILOT_VERSION}
+        before = autopilot.count(d.MAVLINK_MSG_ID_COMMAND_LONG)
+        assert await messages.send("COMMAND_LONG", request) == (True, d.MAV_RESULT_ACCEPTED)
+        assert autopilot.count(d.MAVLINK_MSG_ID_COMMAND_LONG) == before + 1
+        assert await messages.send("PING", {"seq": 3}) == (False, None)
+        autopilot.loss = 1.0
+        assert await messages.send("COMMAND_LONG", request) == (True, None)
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_what_has_a_command_of_its_own_is_refused_with_its_name(run_simulated):
+    calls = {*raw_messages.PURPOSE_MADE.values(), *raw_messages.PURPOSE_MADE_COMMANDS.values()}
+    known = {call.replace("/api/v1", "") for call in BY_CALL}
+    assert calls <= known
+
+    async def scenario(vehicle, inspector, autopilot):
+        messages = vehicle.service(RawMessages)
+        received = len(autopilot.received_frames)
+        for name in raw_messages.PURPOSE_MADE:
+            with pytest.raises(Refused, match="a command of its own"):
+                await messages.send(name, {}, while_armed=True)
+        for name in raw_messages.COMMANDS:
+            for command in raw_messages.PURPOSE_MADE_COMMANDS:
+                with pytest.raises(Refused, match="a command of its own"):
+                    await messages.send(name, {"command": command}, while_armed=True)
+        with pytest.raises(InvalidRequest, match="whose system id is 1"):
+            await messages.send("PING", {"target_system": 0})
+        assert len(autopilot.received_frames) == received
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_a_message_needs_its_confirmation_and_while_armed_the_wish(run_simulated):
+    def request(**more):
+        body = {
+            "message": "PING",
+            "fields": {"seq": 1},
+            "confirm": "PING is sent unchecked to vehicle 1",
+            **more,
+        }
+        return inspector_routes.RawMessage.model_validate(body)
+
+    async def scenario(rig):
+        station = rig.station
+        with pytest.raises(InvalidRequest, match="not the required text"):
+            await inspector_routes.send("1", request(confirm="yes"), station, ANNA)
+        with pytest.raises(Refused, match="is armed"):
+            await inspector_routes.send("1", request(), station, ANNA)
+        answer = json_of(await inspector_routes.send("1", request(while_armed=True), station, ANNA))
+        assert answer == {"acknowledged": None, "result": None}
+        results = sorted(entry[3] for entry in journal_entries(station) if entry[1] == "mavlink/send")
+        assert results == ["invalid_request", "ok", "refused"]
+
+    run_with_routes(run_simulated, scenario)
