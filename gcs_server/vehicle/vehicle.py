@@ -84,8 +84,7 @@ class Vehicle:
         supervisor: Supervisor,
     ) -> None:
         self.id = vehicle_id
-        self._supervisor = supervisor
-        self.clock = clock
+        self._supervisor, self.clock = supervisor, clock
         self.own_ids = own_ids
         self.isolation = Isolation(clock, log, f"Vehicle {vehicle_id}")
         """Runs code that may fail because of this vehicle's data: a topic, a snapshot, a view."""
