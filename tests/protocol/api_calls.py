@@ -14,8 +14,11 @@ from gcs_server.control.journal import Journal
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, LogUnusable
 from gcs_server.flights.flights import Flights
+from gcs_server.logbook.decisions import Decisions
+from gcs_server.logbook.joined_flights import JoinedFlights
 from gcs_server.logbook.library import Library
 from gcs_server.logbook.logbook import Logbook
+from gcs_server.logbook.notes import NotesStore
 from gcs_server.logbook.work import LogWork
 from gcs_server.maps.sources import MapSources
 from gcs_server.maps.tiles import Tiles
@@ -113,7 +116,8 @@ class NoLogWork(LogWork):
 def logbook_in(clock, folder):
     """A logbook with this folder of logs."""
     library = Library(folder / "index.sqlite", folder / "recordings", folder / "logs")
-    return Logbook(clock, library, NoLogWork(), folder / "cache", 10**9, frozenset, lambda _: None)
+    joined = JoinedFlights(NotesStore(folder / "notes"), Decisions(folder / "decisions"))
+    return Logbook(clock, library, NoLogWork(), joined, folder / "cache", 10**9, frozenset, lambda _: None)
 
 
 def journal_entries(station):
