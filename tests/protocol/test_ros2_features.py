@@ -15,6 +15,8 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError, Refused
 from gcs_server.vehicle.reach import FEATURES, NEEDS_MAVLINK
 from gcs_server.vehicle.services.camera import CameraService
+from gcs_server.vehicle.services.manual_control import ManualControlService
+from gcs_server.vehicle.services.raw_messages import RawMessages
 from gcs_server.vehicle.services.shell import ShellService
 from missions.plan import Plan, write
 from tests.protocol.api_calls import json_of, new_station
@@ -31,6 +33,8 @@ REQUESTS: dict[str, Callable[[Any], Any]] = {
     "camera": lambda v: v.service(CameraService).take_picture(),
     "arming_report": lambda v: v.health.check(),
     "shell": lambda v: v.service(ShellService).run("ver all"),
+    "manual_control": lambda v: v.service(ManualControlService).begin("anna", "anna's tab", lambda: None),
+    "raw_messages": lambda v: v.service(RawMessages).send("PING", {}),
 }
 
 
