@@ -21,9 +21,9 @@ export function openRow(row: Row): Promise<void> {
 /** Opens a log, and the flight of which it is a part, if that is the only one in it. */
 export async function openFlight(id: string, name: string): Promise<void> {
   rooms.open(ROOM);
-  await view.open(id, name);
-  if (view.id !== id || view.problem !== null) return;
+  if (!(await view.read(id, name))) return;
   await library.load(); // which flights a log has is known once it was read
+  if (view.id !== id) return;
   const [row, ...others] = library.rows.filter(({ flight, files }) => flight !== null && files.some((file) => file.id === id));
-  if (row !== undefined && others.length === 0 && view.id === id) await openRow(row);
+  await (row !== undefined && others.length === 0 ? openRow(row) : view.open(id, name));
 }

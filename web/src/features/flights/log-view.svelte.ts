@@ -97,6 +97,17 @@ export class LogView {
   readonly sources = $derived(sourcesOf(this.parts, this.flight));
   readonly events = $derived(eventsOf(this.parts, this.vehicles, this.record));
 
+  /** Lets the server read a log, which takes seconds the first time. @returns false: it cannot be read, or another log was opened meanwhile. */
+  async read(id: string, name: string): Promise<boolean> {
+    this.close();
+    this.id = id;
+    this.name = name;
+    const response = await this.api.get('/flights/{f}', { params: { path: { f: id } } });
+    if (this.id !== id) return false;
+    if (!response.ok) this.problem = response.problem;
+    return response.ok;
+  }
+
   /** Opens a log. @param flight the flight that is shown, with its other logs; null: the whole log. */
   async open(id: string, name: string, flight: Flight | null = null): Promise<void> {
     this.close();
