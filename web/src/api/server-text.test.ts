@@ -22,12 +22,23 @@ describe('a sentence of the server', () => {
     ['Vehicle 3 is not armed. Arm it first.', 'Fahrzeug 3 ist nicht scharf. Erst scharfschalten.'],
     ['Vehicle 3 is not armed. Its maker says: xyz.', 'Fahrzeug 3 ist nicht scharf. Its maker says: xyz.'],
     ['Hold', 'Halten'],
+    ['No home position.', 'Keine Home-Position.'],
     ['row 2: no home position.', 'row 2: keine Home-Position.'],
     ['field x: no home position (no fix).', 'field x: keine Home-Position (no fix).'],
   ])('%s', (english, german) => expect(TEXTS.text(english)).toBe(german));
 
   it('is shown as it is if it is not known, also if a template of few words would fit', () => {
     for (const text of ['Something else happened.', 'Fly over the old bridge', '', '12.5', 'x'.repeat(5000)]) expect(TEXTS.text(text)).toBe(text);
+  });
+
+  it('has parts in the language of the page and parts that are not, as what the vehicle itself says', () => {
+    const shown = (text: string) => TEXTS.partsOf(TEXTS.text(text));
+    expect(shown('Arm it first.')).toEqual([{ text: 'Erst scharfschalten.', isForeign: false }]);
+    expect(shown('Compass 0 fault')).toEqual([{ text: 'Compass 0 fault', isForeign: true }]);
+    expect(shown('Compass 1 fault. Arm it first.')).toEqual([
+      { text: 'Compass 1 fault.', isForeign: true },
+      { text: ' Erst scharfschalten.', isForeign: false },
+    ]);
   });
 
   it('keeps numbers as they are', () => {
@@ -51,12 +62,15 @@ describe('an answer of the server', () => {
       values: [1, 2],
       document: { text: 'Hold' },
       at: { mode_label: 'Hold' },
+      choice: { value: 1, label: 'Hold' },
+      mode: { mode: 'hold', label: 'Hold' },
     };
     expect(withTexts(answer, TEXTS)).toEqual({
       ...answer,
       detail: 'Erst scharfschalten.',
       reasons: ['keine Home-Position'],
       at: { mode_label: 'Halten' },
+      mode: { mode: 'hold', label: 'Halten' },
     });
   });
 });

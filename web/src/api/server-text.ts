@@ -105,7 +105,7 @@ export class ServerTexts {
   /** @returns null: no part of the text is known. */
   private find(text: string, depth: number): string | null {
     if (text.length > MAX_LENGTH || depth > MAX_DEPTH || !/\p{L}/u.test(text)) return null;
-    const whole = this.whole.get(text) ?? this.fromTemplate(text, depth) ?? this.trimmed(text, depth);
+    const whole = this.exact(text) ?? this.fromTemplate(text, depth) ?? this.trimmed(text, depth);
     if (whole !== null) return whole;
     for (const [n, separator] of SEPARATORS.entries()) {
       if (n === 1) {
@@ -120,6 +120,18 @@ export class ServerTexts {
       return this.joined(text, separator, parts, found);
     }
     return null;
+  }
+
+  /** A whole text; also one that the server writes with a capital letter and a full stop, as PX4's checks. */
+  private exact(text: string): string | null {
+    const whole = this.whole.get(text);
+    if (whole !== undefined) return whole;
+    const end = text.endsWith('.') ? '.' : '';
+    const inner = end === '' ? text : text.slice(0, -1);
+    const stated = this.whole.get(inner);
+    if (stated !== undefined) return stated + end;
+    const small = this.whole.get(inner.charAt(0).toLowerCase() + inner.slice(1));
+    return small === undefined ? null : small.charAt(0).toUpperCase() + small.slice(1) + end;
   }
 
   private trimmed(text: string, depth: number): string | null {
