@@ -265,10 +265,11 @@ def _motor_action(fields: Fields) -> Action:
     if motor_fields is None:
         raise fields.problem("motor", "must be {number: 1, works: false}")
     number, works = motor_fields.integer("number", low=1, high=4), motor_fields.flag("works", False)
+    thrust = motor_fields.number("thrust", 1.0 if works else 0.0, low=0.0, high=1.0)
     motor_fields.finish()
 
     def apply(fleet: Fleet, row: int) -> None:
-        fleet.simulation.motor_health[row, number - 1] = 1.0 if works else 0.0
+        fleet.simulation.motor_health[row, number - 1] = thrust
 
     return apply
 
@@ -291,6 +292,38 @@ def _gusts_action(fields: Fields) -> Action:
 def _noise_action(fields: Fields) -> Action:
     factor = fields.number("sensor_noise", low=0.0, high=100.0)
     return lambda fleet, row: fleet.simulation.set_sensor_noise(row, factor)
+
+
+def _vibration_action(fields: Fields) -> Action:
+    sigma_m_s2 = fields.number("vibration_m_s2", low=0.0, high=1000.0)
+
+    def apply(fleet: Fleet, row: int) -> None:
+        fleet.simulation.sensor_faults.vibration_m_s2[row] = sigma_m_s2
+
+    return apply
+
+
+def _jamming_action(fields: Fields) -> Action:
+    indicator = fields.integer("gps_jamming", low=0, high=255)
+
+    def apply(fleet: Fleet, row: int) -> None:
+        fleet.simulation.sensor_faults.gps_jamming[row] = indicator
+
+    return apply
+
+
+def _resistance_action(fields: Fields) -> Action:
+    ohm = fields.number("battery_resistance_ohm", low=0.0, high=10.0)
+    return lambda fleet, row: fleet.simulation.set_battery_resistance(row, ohm)
+
+
+def _load_action(fields: Fields) -> Action:
+    load = fields.number("cpu_load", low=0.0, high=1.0)
+
+    def apply(fleet: Fleet, row: int) -> None:
+        fleet.simulation.cpu_load[row] = load
+
+    return apply
 
 
 def _link_action(fields: Fields) -> Action:
@@ -333,6 +366,10 @@ ACTIONS: dict[str, Callable[[Fields], Action]] = {
     "wind_ned_m_s": _wind_action,
     "gusts_m_s": _gusts_action,
     "sensor_noise": _noise_action,
+    "vibration_m_s2": _vibration_action,
+    "gps_jamming": _jamming_action,
+    "battery_resistance_ohm": _resistance_action,
+    "cpu_load": _load_action,
     "link": _link_action,
     "parameter": _parameter_action,
 }

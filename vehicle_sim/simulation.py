@@ -60,6 +60,8 @@ FOREIGN_FROM_STEP = (2, 2, 1)
 """First step, in an autopilot's successive ticks, in which a foreign trajectory setpoint takes effect; by
 recordings of streams at 10, 20 and 50 Hz."""
 BATTERY_EVERY_STEPS = 5
+CPU_LOAD = 0.105
+"""Recorded load of a simulated PX4."""
 WIND_EVERY_STEPS = 5
 
 
@@ -126,6 +128,8 @@ class Simulation:
         self._range_finder = RangeFinder(count)
         self._estimator = Estimator(count, STEP_S)
         self._cascade = Cascade(count, STEP_S)
+        self.cpu_load = np.full(count, CPU_LOAD)
+        """(N,) load of each autopilot's processor, 0..1; a value that is only logged."""
         self.motor_health = np.ones((count, 4))
         """(N, 4) factor on each motor's thrust; 1: the motor works, 0: the motor does not turn."""
         self.world = world or World()
@@ -207,7 +211,7 @@ class Simulation:
             self._contact.store_velocity(self._bodies.state.velocity_ned_m_s)
         self._bodies.step(self._cascade.motor_signal, self.motor_health)
         if self.steps % BATTERY_EVERY_STEPS == 0:
-            self._batteries.step(self.setpoints.armed)
+            self._batteries.step(self.setpoints.armed, self._cascade.motor_signal)
         if self._contact is not None:
             self._update_contact(self._contact)
         self.steps += 1
@@ -257,6 +261,10 @@ class Simulation:
     def set_battery_empty(self, i: int, empty: bool) -> None:
         """Sets the battery of vehicle `i` to the voltage of an empty battery, or back to normal."""
         self._batteries.set_empty(i, empty)
+
+    def set_battery_resistance(self, i: int, ohm: float) -> None:
+        """Gives the battery of vehicle `i` an internal resistance, and measures its current."""
+        self._batteries.set_resistance(i, ohm)
 
     def set_battery_remaining(self, i: int, remaining: float) -> None:
         """Sets the charge (0..1) of vehicle `i`, to test a low battery."""

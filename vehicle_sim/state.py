@@ -64,6 +64,12 @@ class SensorState:
     """(N, 3) each step, with noise."""
     accel_frd_m_s2: FloatArray
     """(N, 3) specific force, each step, with noise."""
+    gyro_vibration_rad_s: FloatArray
+    """(N,) low-pass of the change of the angular rate from sample to sample."""
+    accel_vibration_m_s2: FloatArray
+    """(N,) the same of the specific force."""
+    accel_clipping: FloatArray
+    """(N, 3) number of samples beyond the accelerometer's range since boot."""
     mag_frd_gauss: FloatArray
     """(N, 3)."""
     mag_fresh: BoolArray

@@ -12,6 +12,8 @@ from gcs_server.vehicle.px4.modes import BY_NAV_STATE, mode_name
 
 ARMED_STATE = 2
 """`arming_state` of vehicle_status: armed."""
+DESCEND = 12
+"""Navigation state of PX4 that nobody chooses: it sinks without a position."""
 SAFETY_ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED."""
 AUTOPILOT_INVALID, AUTOPILOT_PX4 = 8, 12
@@ -41,6 +43,8 @@ def _numbers(topic: Topic, field: str) -> States | None:
 
 
 def _px4_mode(nav_state: int) -> str:
+    if nav_state == DESCEND:
+        return "Descend"
     mode = BY_NAV_STATE.get(nav_state)
     return mode.label if mode is not None else f"PX4 mode {nav_state}"
 

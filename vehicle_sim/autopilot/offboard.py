@@ -145,6 +145,11 @@ class Offboard:
         self.on_setpoint: Callable[[], None] = _no_listener
         """Called at each attitude, rate, torque or motor setpoint, because these are applied immediately."""
 
+    @property
+    def received_at_s(self) -> float:
+        """Time since boot of the newest setpoint; -inf: none."""
+        return self._received_at_s
+
     def has_signal(self) -> bool:
         """Whether a valid setpoint was received within COM_OF_LOSS_T."""
         loss_s = max(0.0, self._view.parameter("COM_OF_LOSS_T"))

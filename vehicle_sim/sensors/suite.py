@@ -46,6 +46,8 @@ GPS_SPEED_ACCURACY_M_S = 0.4
 GPS_HDOP = 0.7
 GPS_VDOP = 1.1
 SATELLITES_FOR_A_FIX = 4
+ACCEL_RANGE_M_S2 = 16.0 * GRAVITY_M_S2
+"""Range of the usual accelerometers. A simulated PX4 does not limit its samples, nor does this simulator."""
 BARO_TEMPERATURE_DEG_C = 11.82
 """Temperature in SCALED_PRESSURE at home: 15 °C at sea level, minus 6.5 °C per kilometre."""
 
@@ -81,6 +83,10 @@ class SensorFaults:
         """For each sensor: (N,) whether the sensor repeats its last sample."""
         self.gps_offset_ned_m = np.zeros((count, 3))
         self.gps_offset_ned_m_s = np.zeros((count, 3))
+        self.gps_jamming = np.zeros(count, dtype=np.int64)
+        """(N,) the receivers' jamming indicator, 0..255."""
+        self.vibration_m_s2 = np.zeros(count)
+        """(N,) standard deviation that running motors add to each accelerometer sample."""
         self.imu_offset = np.zeros((count, 6))
         """(N, 6) added to gyroscopes [rad/s] and accelerometers [m/s²], FRD."""
 
@@ -93,6 +99,7 @@ class SensorFaults:
         for stuck in self.stuck.values():
             stuck[i] = False
         self.gps_offset_ned_m[i] = self.gps_offset_ned_m_s[i] = 0.0
+        self.gps_jamming[i] = self.vibration_m_s2[i] = 0.0
         self.set_imu_offset(i, np.zeros(3), np.zeros(3))
 
 
@@ -153,10 +160,14 @@ class SensorSuite:
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
         self._set_noise_factor(1.0 if noise else 0.0)
+        self._previous_imu = np.zeros((count, 6))
         self._field_ned_gauss = np.array(field_ned_gauss())
         self.state = SensorState(
             gyro_frd_rad_s=np.zeros((count, 3)),
             accel_frd_m_s2=np.zeros((count, 3)),
+            gyro_vibration_rad_s=np.zeros(count),
+            accel_vibration_m_s2=np.zeros(count),
+            accel_clipping=np.zeros((count, 3)),
             mag_frd_gauss=np.zeros((count, 3)),
             mag_fresh=np.ones(count, dtype=np.bool_),
             mag_count=0,
@@ -248,7 +259,12 @@ class SensorSuite:
             truth.acceleration_ned_m_s2, truth.rates_frd_rad_s, attitude_matrix, armed,
             self._noise_factor, self._imu_sigma_rest, self._imu_sigma_armed, self._imu_noise.sample(),
             self._gyro_cal_offset, self._accel_cal_offset, self._accel_cal_scale, self._board_rotated,
-            self._board_matrix, self.faults.imu_offset, state.gyro_frd_rad_s, state.accel_frd_m_s2,
+            self._board_matrix, self.faults.imu_offset, self.faults.vibration_m_s2,
+            state.gyro_frd_rad_s, state.accel_frd_m_s2,
+        )  # fmt: skip
+        _measure_vibration(
+            state.gyro_frd_rad_s, state.accel_frd_m_s2, self._previous_imu, state.gyro_vibration_rad_s,
+            state.accel_vibration_m_s2, state.accel_clipping,
         )  # fmt: skip
         steps = self._steps
         if steps % MAG_EVERY_STEPS == 0:
@@ -330,8 +346,8 @@ class SensorSuite:
 def _measure_imu(
     acceleration: Rows, true_rates: Rows, attitude_matrix: Blocks, armed: Flags, noise_factor: Column,
     sigma_rest: Column, sigma_armed: Column, noise: Rows, gyro_cal_offset: Rows, accel_cal_offset: Rows,
-    accel_cal_scale: Rows, board_rotated: Flags, board_matrix: Blocks, fault_offset: Rows, gyro: Rows,
-    accel: Rows,
+    accel_cal_scale: Rows, board_rotated: Flags, board_matrix: Blocks, fault_offset: Rows, vibration: Column,
+    gyro: Rows, accel: Rows,
 ) -> None:  # fmt: skip
     """Writes `gyro` and `accel`: adds noise, then applies calibration, rotation of the board and faults."""
     for i in range(gyro.shape[0]):
@@ -344,6 +360,8 @@ def _measure_imu(
                 gyro_sigma, accel_sigma = sigma_armed[k], sigma_armed[3 + k]
             rate = true_rates[i, k] + noise[i, k] * (gyro_sigma * noise_factor[i])
             gyro[i, k] = rate - gyro_cal_offset[i, k]
+            if armed[i]:
+                accel_sigma += vibration[i]
             force = specific_force[k] + noise[i, 3 + k] * (accel_sigma * noise_factor[i])
             accel[i, k] = (force - accel_cal_offset[i, k]) * accel_cal_scale[i, k]
         if board_rotated[i]:
@@ -354,6 +372,24 @@ def _measure_imu(
         for k in range(3):
             gyro[i, k] += fault_offset[i, k]
             accel[i, k] += fault_offset[i, 3 + k]
+
+
+@kernel
+def _measure_vibration(
+    gyro: Rows, accel: Rows, previous: Rows, gyro_metric: Column, accel_metric: Column, clipping: Rows
+) -> None:
+    """Updates PX4's vibration metrics, a low-pass of the change from sample to sample, and the number of
+    samples beyond the accelerometer's range in each axis (vehicle_imu)."""
+    for i in range(gyro.shape[0]):
+        turned = moved = 0.0
+        for k in range(3):
+            turned += (gyro[i, k] - previous[i, k]) ** 2
+            moved += (accel[i, k] - previous[i, 3 + k]) ** 2
+            previous[i, k], previous[i, 3 + k] = gyro[i, k], accel[i, k]
+            if abs(accel[i, k]) > ACCEL_RANGE_M_S2:
+                clipping[i, k] += 1.0
+        gyro_metric[i] = 0.99 * gyro_metric[i] + 0.01 * math.sqrt(turned)
+        accel_metric[i] = 0.99 * accel_metric[i] + 0.01 * math.sqrt(moved)
 
 
 @kernel

@@ -124,6 +124,10 @@ def _true_altitude_m(s: Simulation) -> NDArray[Any]:
     return s.origin.alt_amsl_m - s.truth.position_ned_m[:, 2]
 
 
+def _imu_rates(s: Simulation) -> NDArray[Any]:
+    return np.full((s.count, 4), 1.0 / s.dt_s)
+
+
 def _source(value: Source | str | float) -> Source | float:
     return attrgetter(value) if isinstance(value, str) else value
 
@@ -136,6 +140,7 @@ _GPS_SOURCES: dict[str, Source | str | float] = {
     "hdop": "sensors.gps_hdop", "vdop": "sensors.gps_vdop", "vel_m_s": _ground_speed,
     "vel_n_m_s vel_e_m_s vel_d_m_s": "sensors.gps_velocity_ned_m_s", "cog_rad": _course, "heading": NAN,
     "heading_offset": NAN, "fix_type": "sensors.gps_fix_type",
+    "jamming_indicator": lambda s: s.sensor_faults.gps_jamming,
     "vel_ned_valid": lambda s: s.sensors.gps_fix_type >= 3, "satellites_used": "sensors.gps_satellites",
 }  # fmt: skip
 _TRUE_POSITION_SOURCES: dict[str, Source | str | float] = {
@@ -234,6 +239,13 @@ _TOPICS: tuple[tuple[str, Mapping[int, Period], Mapping[str, Source | str | floa
         "device_id": GYRO_ID, "temperature": 15.0, "samples": 1, "x y z": "sensors.gyro_frd_rad_s"}),
     ("sensor_mag", {DEFAULT: 1000}, {
         "device_id": MAG_ID, "temperature": NAN, "x y z": "sensors.mag_frd_gauss"}),
+    ("vehicle_imu_status", {DEFAULT: 1000}, {
+        "accel_device_id": ACCEL_ID, "gyro_device_id": GYRO_ID, "accel_clipping": "sensors.accel_clipping",
+        "accel_rate_hz gyro_rate_hz accel_raw_rate_hz gyro_raw_rate_hz": _imu_rates,
+        "accel_vibration_metric": "sensors.accel_vibration_m_s2",
+        "gyro_vibration_metric": "sensors.gyro_vibration_rad_s", "temperature_accel": 15.0,
+        "temperature_gyro": 15.0}),
+    ("cpuload", {DEFAULT: 500}, {"load": "cpu_load", "ram_usage": 0.03}),
     ("sensor_baro", {DEFAULT: 1000}, {
         "device_id": BARO_ID, "pressure": lambda s: s.sensors.baro_pressure_hpa * 100.0,
         "temperature": "sensors.baro_temperature_deg_c"}),

@@ -37,6 +37,8 @@ FIRST_MODE_US = 116_000
 EVENT_ARGUMENT_BYTES = 25
 SOURCE_MAVLINK_0 = 2
 """`data_source` of stick positions that were received by MAVLink."""
+OFFBOARD_PERIOD_S = 0.1
+"""Period of `offboard_control_mode` while setpoints are received."""
 STICKS_PERIOD_S = 0.2
 """Period of `manual_control_setpoint` while stick positions are received."""
 TRAJECTORY_KINDS = (SetpointKind.POSITION, SetpointKind.VELOCITY, SetpointKind.ACCELERATION)
@@ -54,6 +56,7 @@ class StateTopic:
     every_ms: int
     """Period; 0: the topic is written only when it changes."""
     read: Callable[[], Values]
+    """Returns the values; empty: the topic was never published."""
     key: Callable[[], object] | None = None
     """Returns a value; the topic is written immediately when the value changes."""
 
@@ -124,7 +127,8 @@ class States:
             if topic.key in changed or now_ms >= self._due_ms[n]:
                 every_ms = topic.every_ms
                 self._due_ms[n] = (now_ms // every_ms + 1) * every_ms if every_ms else NEVER_MS
-                messages.append(topic.pack(now_us))
+                if values := topic.read():
+                    messages.append(topic.pack(now_us, values))
         self._next_ms = min(self._due_ms)
         return b"".join(messages)
 
@@ -170,6 +174,8 @@ class States:
              lambda: (mission.current, mission.reached, mission.finished)),
             ("manual_control_setpoint", 0, self._manual_control,
              lambda: sticks.received_at_s // STICKS_PERIOD_S if sticks.valid else None),
+            ("offboard_control_mode", 0, self._offboard_control_mode,
+             lambda: commander.offboard.received_at_s // OFFBOARD_PERIOD_S),
         )  # fmt: skip
         return [
             StateTopic(TopicLayout(name, ARRAY_TOPIC_COUNT + n, view.px4.name), every_ms, read, key)
@@ -318,6 +324,17 @@ class States:
             "valid": self._commander.checks.has_mission,
             "finished": mission.finished,
         }
+
+    def _offboard_control_mode(self) -> Values:
+        kind = self._commander.offboard.kind
+        flags = {
+            SetpointKind.POSITION: "position", SetpointKind.VELOCITY: "velocity",
+            SetpointKind.ACCELERATION: "acceleration", SetpointKind.ATTITUDE: "attitude",
+            SetpointKind.RATES: "body_rate", SetpointKind.THRUST_TORQUE: "thrust_and_torque",
+        }  # fmt: skip
+        if not math.isfinite(self._commander.offboard.received_at_s):
+            return {}
+        return {flags.get(kind, "direct_actuator"): True}
 
     def _manual_control(self) -> Values:
         sticks = self._autopilot.sticks

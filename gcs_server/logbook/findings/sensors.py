@@ -30,6 +30,7 @@ JAMMING_LIMIT = 80
 """PX4's documentation of Flight Review: a jamming indicator of 40 or less is fine, one of 80 or more is
 not."""
 GPS_NO_DATA_S = 2.0
+GPS_REPEATS_S = 3.0
 COMPASS_CHANGE = 0.15
 COMPASS_CORRELATION = 0.7
 """Flight Review shows thrust beside the norm of the magnetic field, which must not follow it; how much is
@@ -150,7 +151,33 @@ def gps_quality(flight: Flight) -> list[Finding]:
                 shown,
             )
         )  # fmt: skip
-    return found + ([] if without else _gps_accuracy(flight, satellites))
+    return found + ([] if without else _gps_repeats(flight) + _gps_accuracy(flight, satellites))
+
+
+def _gps_repeats(flight: Flight) -> list[Finding]:
+    """A position that does not change at all: no receiver measures that in the air."""
+    fields = [
+        flight.optional(f"vehicle_gps_position/{ulog}", f"sensor_gps/{ulog}", f"GPS_RAW_INT/{tlog}")
+        for ulog, tlog in (("latitude_deg", "lat"), ("longitude_deg", "lon"), ("altitude_msl_m", "alt"))
+    ]
+    position = [each for each in fields if each is not None]
+    if len(position) < 3 or len(position[0].times_s) < 2:
+        return []
+    times_s = position[0].times_s
+    equal = np.all([np.diff(each.at(times_s)) == 0.0 for each in position], axis=0)
+    equal &= flight.in_air(times_s[1:]) & (np.diff(times_s) < GPS_NO_DATA_S)
+    often = float(np.median(np.diff(times_s))) <= GPS_REPEATS_S / 8
+    repeated = spans(times_s[1:], equal, float(times_s[-1]), GPS_REPEATS_S, join_s=0.0) if often else []
+    return [
+        Finding(
+            "warning", span.begin_s, span.end_s,
+            f"The GPS repeated one position for {span.end_s - span.begin_s:.1f} s in the air.",
+            "A receiver that works never measures the same twice in the air.",
+            "Check the receiver's cable, plug and supply.",
+            [[each.field for each in position[:2]]],
+        )
+        for span in repeated[:3]
+    ]  # fmt: skip
 
 
 def _gps_accuracy(flight: Flight, satellites: Signal | None) -> list[Finding]:

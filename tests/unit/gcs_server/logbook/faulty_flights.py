@@ -41,6 +41,7 @@ def flight(*topics, parameters=None, modes=(), failsafe=(), kind="ulog", **more)
 
 def gps(**fields):
     healthy = {"fix_type": 3, "satellites_used": 12, "eph": 0.8, "epv": 1.2, "s_variance_m_s": 0.3}
+    healthy |= {"latitude_deg": lambda t: 47 + 1e-6 * np.sin(t), "longitude_deg": 8, "altitude_msl_m": 500}
     healthy |= {"jamming_indicator": 10, "jamming_state": 1, "spoofing_state": 1}
     return topic("vehicle_gps_position", 5, **(healthy | fields))
 

@@ -14,7 +14,7 @@ from gcs_server.logbook.findings.table import KINDS, findings
 from gcs_server.logbook.log import Log, Message, Span, Topic, UnreadableLog, VehicleStates
 from gcs_server.logbook.tlog import read_tlog
 from gcs_server.logbook.ulog import read_ulog
-from tests.unit.gcs_server.logbook.faulty_flights import END_S, FAULTS, HEALTHY, between, flight, topic
+from tests.unit.gcs_server.logbook.faulty_flights import END_S, FAULTS, HEALTHY, between, flight, gps, topic
 from tests.unit.gcs_server.logbook.generated_ulogs import mutated, ulog
 
 RECORDINGS = Path(__file__).resolve().parents[5] / "shared" / "px4"
@@ -118,6 +118,12 @@ def test_a_failsafe_says_why_what_was_asked_for_and_what_happened():
     assert (
         findings(other)["findings"][0]["limit"] == "NAV_DLL_ACT is 2: Return, which the vehicle did not do."
     )
+
+
+def test_a_gps_that_repeats_its_position_is_found():
+    held = flight(gps(latitude_deg=lambda t: 47 + 1e-6 * np.sin(np.minimum(t, 30.0))))
+    (found,) = findings(held)["findings"]
+    assert found["text"] == "The GPS repeated one position for 20.0 s in the air."
 
 
 def test_what_is_not_logged_is_named():
