@@ -127,24 +127,21 @@ class SensorSuite:
         self, dt_s: float, origin: SimulationOrigin, *, seed: int, vehicles: Sequence[int], noise: bool
     ) -> None:
         count = len(vehicles)
-        self._dt_s = dt_s
-        self._origin = origin
+        self._dt_s, self._origin = dt_s, origin
         self._imu_noise = WhiteNoise(seed, vehicles, NoisePurpose.IMU, 6)
         self._mag_noise = WhiteNoise(seed, vehicles, NoisePurpose.MAG, 3)
         self._baro_noise = WhiteNoise(seed, vehicles, NoisePurpose.BARO, 1)
         self._gps_noise = WhiteNoise(seed, vehicles, NoisePurpose.GPS, 6)
         self._noise_factor = np.zeros(count)
         """(N,) factor on the noise of PX4's SIH."""
-        self._mag_sigma_gauss = np.zeros((count, 3))
+        self._mag_sigma_gauss, self._gps_sigma = np.zeros((count, 3)), np.zeros((count, 6))
         self._baro_sigma_m = np.zeros((count, 1))
-        self._gps_sigma = np.zeros((count, 6))
         self._steps = 0
         self._gps_enabled = np.ones(count, dtype=np.bool_)
         self.faults = SensorFaults(count)
         self._satellites = np.full(count, 10, dtype=np.int64)
-        self._mag_offset = np.zeros((count, 3))
-        self._baro_offset_hpa = np.zeros(count)
-        self._baro_offset_deg_c = np.zeros(count)
+        self._mag_offset, self._previous_imu = np.zeros((count, 3)), np.zeros((count, 6))
+        self._baro_offset_hpa, self._baro_offset_deg_c = np.zeros(count), np.zeros(count)
         self._equal_samples = {driver: np.zeros(count, dtype=np.int64) for driver in STALE_SAMPLES}
         """For each driver: (N,) number of equal samples since the sensor became stuck."""
         self._driver_runs = {driver: np.ones(count, dtype=np.bool_) for driver in Driver}
@@ -160,7 +157,6 @@ class SensorSuite:
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
         self._set_noise_factor(1.0 if noise else 0.0)
-        self._previous_imu = np.zeros((count, 6))
         self._field_ned_gauss = np.array(field_ned_gauss())
         self.state = SensorState(
             gyro_frd_rad_s=np.zeros((count, 3)),

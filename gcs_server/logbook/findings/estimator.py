@@ -20,6 +20,8 @@ from gcs_server.logbook.findings.model import (
 REJECTED = 1.0
 """An innovation's test ratio from which EKF2 ignores a measurement."""
 MIN_REJECTED_S = 1.0
+ALIGNMENT_S = 15.0
+"""In this time after a take-off PX4 aligns the heading in the air (EKF2, 1.5 m above the ground)."""
 HEADING_RAD = float(np.radians(15.0))
 JUMPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...], float, str], ...] = (
     ("xy_reset_counter", "The estimated position was reset in the air", ("x", "y"), ("vx", "vy"), 1.0, "m"),
@@ -35,8 +37,7 @@ JUMPS: tuple[tuple[str, str, tuple[str, ...], tuple[str, ...], float, str], ...]
         "°",
     ),
 )
-"""Counter, what happened, the fields, their derivatives, and from which jump a reset is reported. After each
-take-off PX4 aligns the heading again, by a few degrees, which is not reported."""
+"""Counter, what happened, the fields, their derivatives, and from which jump a reset is reported."""
 
 
 def innovations(flight: Flight) -> list[Finding]:
@@ -99,7 +100,8 @@ def resets(flight: Flight) -> list[Finding]:
         if counter not in topic.columns or any(each not in topic.columns for each in (*fields, *rates)):
             continue
         counts = np.asarray(topic.columns[counter]).astype(np.int64)
-        for k in np.flatnonzero((np.diff(counts) != 0) & flight.in_air(topic.times_s[1:], 2.0))[:200]:
+        margin_s = ALIGNMENT_S if unit == "°" else 2.0
+        for k in np.flatnonzero((np.diff(counts) != 0) & flight.in_air(topic.times_s[1:], margin_s))[:200]:
             signals = [signal_of(topic, each) for each in (*fields, *rates)]
             jump = _jump(signals, len(fields), float(topic.times_s[k]), float(topic.times_s[k + 1]), unit)
             if jump <= limit or len(found) >= MAX_OF_A_KIND:

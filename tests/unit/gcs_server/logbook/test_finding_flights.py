@@ -23,7 +23,7 @@ def kinds(one, folder, seed):
 def test_several_faults_of_one_flight_are_found(tmp_path):
     (found,) = kinds(SHORT, tmp_path, 3)
     assert {"vibration", "gps_interference", "load", "battery_resistance"} <= found
-    assert found <= {"vibration", "gps_interference", "load", "battery_resistance", "innovation"}
+    assert found <= {"vibration", "gps_interference", "load", "battery_resistance", "battery_sag"}
 
 
 @pytest.mark.story
