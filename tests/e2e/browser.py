@@ -144,7 +144,8 @@ class PageMonitor:
             return True
         if "status of 504" in message.text and message.location["url"].endswith("/hold"):
             return True  # Hold, sent to a vehicle whose connection is lost
-        may_be_invalid = "/api/v1/(plans/(import|insert|table)|map_sources|elevation/sources|settings|links)"
+        places = "plans/(import|insert|table)|map_sources|elevation/sources|settings|links|flights/\\w+/rerun"
+        may_be_invalid = f"/api/v1/({places})"
         if "status of 422" in message.text and re.search(may_be_invalid, message.location["url"]):
             return True  # an unreadable file, a mission that cannot be inserted, an address without tiles
         if message.text.startswith("Tried to update non-existent component"):

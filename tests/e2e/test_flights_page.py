@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from tests.e2e.browser import open_page, serious_violations
 from tests.station import free_port, is_up, running_process, server_command, wait_until
+from tests.support.flown_log import flown_log
 from tests.unit.gcs_server.logbook.generated_ulogs import ulog
 
 pytestmark = pytest.mark.browser
@@ -75,3 +76,33 @@ def test_a_log_is_added_plotted_and_deleted(browser: Browser, server_url: str, t
         row.get_by_role("button", name=re.compile("^Delete ")).click()
         row.get_by_role("button", name="Delete", exact=True).click()
         expect(row).to_have_count(0)
+
+
+def test_a_part_of_a_flight_is_flown_again_with_a_change(
+    browser: Browser, server_url: str, tmp_path: Path
+) -> None:
+    path, step_s = flown_log(tmp_path / "vehicle", (0.0, 3.0, 0.0))
+    with open_page(browser, server_url, scene=False) as page:
+        page.keyboard.press("Shift+E")
+        page.get_by_label("Add a log").set_input_files(path)
+        page.get_by_role("radio", name="What if").click()
+        panel = page.get_by_role("group", name="What if")
+        panel.get_by_label("Parameter", exact=True).fill("mpc_xy_p")
+        panel.get_by_label("Value", exact=True).fill("0.4")
+        panel.get_by_role("button", name="Add").click()
+        expect(panel).to_contain_text("MPC_XY_P")
+        fly = panel.get_by_role("button", name=re.compile("Fly again from"))
+        fly.click()
+        expect(panel.get_by_role("alert")).to_contain_text("not in the air")
+        slider = page.get_by_role("slider", name="Time in the log")
+        slider.focus()
+        for _ in range(100):
+            if float(re.findall(r"from ([\d.]+)", fly.inner_text())[0]) >= step_s - 1.0:
+                break
+            page.keyboard.press("Shift+ArrowRight")
+        fly.click()
+        expect(panel.get_by_role("status")).to_contain_text("it stays within", timeout=30_000)
+        expect(panel.get_by_role("alert")).to_have_count(0)
+        expect(page.get_by_role("region", name="Pane 2")).to_contain_text("North, changed")
+        wait_until(lambda: page.evaluate(PLOTTED)[1] > 10, "the tracks")
+        assert serious_violations(page) == []

@@ -396,6 +396,7 @@ const COMPUTING = new Set([
   '/elevation/regions/size',
   '/settings',
   '/map_regions/size',
+  '/flights/{f}/rerun',
   '/plans/check',
   '/plans/convert',
   '/plans/divide',

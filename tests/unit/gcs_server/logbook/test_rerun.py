@@ -11,39 +11,18 @@ import pytest
 from gcs_server.logbook import columns, overview, tasks
 from gcs_server.logbook.ulog import read_ulog
 from missions.what_if.flight import NotFlyable
-from tests.unit.vehicle_sim.sim_station import Station
+from tests.support.flown_log import flown_log
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.storage.files import VehicleFiles
 
 pytestmark = pytest.mark.flight
 
-SET_MODE, OFFBOARD = 176, 6
 WIND = (0.0, 3.0, 0.0)
 RECORDED = Path(__file__).resolve().parents[5] / "shared/px4/logs/flight-short.ulg.gz"
 
 
-def fly(folder, parameters=None, wind=WIND):
-    """Hovers in wind, then steps 8 m north by offboard setpoints; returns the columns and the time of the
-    step."""
-    files, store = VehicleFiles(folder / "vehicle"), Parameters(parameters)
-    station = Station(log=True, files=[files], stores=[store])
-    station.take_off_and_hover(6.0)
-    station.sim.simulation.set_wind(np.array(wind))
-    north_m = 0.0
-
-    def send():
-        station.send(
-            "SET_POSITION_TARGET_LOCAL_NED", target_system=1, target_component=1, coordinate_frame=1,
-            type_mask=0b100111111000, x=north_m, z=-6.0,
-        )  # fmt: skip
-
-    station.run(1.0, send)
-    station.command(SET_MODE, 1, OFFBOARD)
-    station.run(9.0, send)
-    log_began_s = station.sim.loggers[0].started_at_us / 1e6
-    north_m, step_s = 8.0, station.now_s - log_began_s
-    station.run(8.0, send)
-    path = folder / "vehicle" / station.sim.loggers[0].path
+def fly(folder, parameters=None):
+    """The columns of a flight's log, and the time of its step."""
+    path, step_s = flown_log(folder / "vehicle", WIND, parameters)
     log = read_ulog(path)
     columns.write(log, overview.encode(log), folder / "columns")
     return folder / "columns", step_s

@@ -5,22 +5,26 @@ import { rooms } from '../../app/registry.svelte';
 import { commandGate } from '../../app/vehicle-actions.svelte';
 import { FlightLibrary, titleOf, type Row } from './library.svelte';
 import { LogView } from './log-view.svelte';
+import { WhatIf } from './what-if.svelte';
 import { VehicleLogs } from './logs.svelte';
 
 export const ROOM = 'flights';
 export const library = new FlightLibrary(page.api);
 export const view = new LogView(page.api);
+export const whatIf = new WhatIf(page.api, view);
 export const vehicleLogs = new VehicleLogs(commandGate);
 
 /** Opens a flight, or a file without one. */
 export function openRow(row: Row): Promise<void> {
   rooms.open(ROOM);
+  whatIf.reset();
   return view.open(row.files[0]?.id ?? row.id, titleOf(row), row.flight);
 }
 
 /** Opens a log, and the flight of which it is a part, if that is the only one in it. */
 export async function openFlight(id: string, name: string): Promise<void> {
   rooms.open(ROOM);
+  whatIf.reset();
   if (!(await view.read(id, name))) return;
   await library.load(); // which flights a log has is known once it was read
   if (view.id !== id) return;

@@ -80,6 +80,8 @@ export class LogView {
   shown = $state.raw<Window>({ from_s: 0, to_s: 1 });
   /** Time at the cursor of all panes; null: none. */
   cursor_s = $state<number | null>(null);
+  /** Series that are not of the log, such as those of a rerun, by their field. */
+  private computed: ReadonlyMap<string, Series> = new Map();
   private nextPane = 1;
   private timer: ReturnType<typeof setTimeout> | null = null;
   private request = 0;
@@ -161,7 +163,7 @@ export class LogView {
     this.track = null;
     plotsShown.isOpen = false;
     this.panes = [];
-    this.series = new Map();
+    this.series = this.computed = new Map();
     this.loadedKey = '';
     this.request += 1;
   }
@@ -223,6 +225,17 @@ export class LogView {
     return [];
   }
 
+  /** Shows series that are not of the log, in place of the present panes. */
+  showComputed(series: readonly Series[], panes: readonly (readonly string[])[], window: Window): void {
+    this.computed = new Map(series.map((each) => [each.field, each]));
+    this.series = this.computed;
+    this.loadedKey = '';
+    this.panes = panes.slice(0, MAX_PANES).map((fields) => ({ id: this.nextPane++, fields }));
+    this.activePane = this.panes[0]?.id ?? 0;
+    this.zoom(window);
+    this.cursor_s = window.from_s;
+  }
+
   /** Shows a window, within the log. */
   zoom({ from_s, to_s }: Window): void {
     const { whole } = this;
@@ -261,7 +274,7 @@ export class LogView {
   /** Requests the values of all fields in the shown window, unless the page has them. */
   async loadSeries(): Promise<void> {
     const { id, shown } = this;
-    const fields = [...new Set(this.panes.flatMap((pane) => pane.fields))].slice(0, 32);
+    const fields = [...new Set(this.panes.flatMap((pane) => pane.fields))].filter((field) => !this.computed.has(field)).slice(0, 32);
     const key = JSON.stringify([id, shown, fields]);
     if (id === null || fields.length === 0 || key === this.loadedKey) return;
     const request = ++this.request;
@@ -271,7 +284,7 @@ export class LogView {
     if (loaded.includes(null)) return; // `problem` says why
     this.problem = null;
     this.loadedKey = key;
-    this.series = new Map(series);
+    this.series = new Map([...this.computed, ...series]);
   }
 
   /** The values of those fields that are of this part, at times of the first part; null: they could not be loaded. */

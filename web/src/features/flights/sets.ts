@@ -7,6 +7,9 @@ type Topic = components['schemas']['LogTopic'];
 /** Wanted fields of one pane, as `topic/field`, or an expression with fields in braces. The first alternative of which the log has a field is shown. */
 type WantedPane = readonly (readonly string[])[];
 
+/** Series whose field begins like this are of a rerun, not of the log; the rest is their label. */
+export const RERUN = 'rerun/';
+
 export interface PlotSet {
   readonly title: string;
   readonly panes: readonly WantedPane[];
@@ -146,6 +149,7 @@ export function findFields(topics: readonly Topic[], text: string): FoundTopic[]
 /** A field or expression as a short label: without the instance, if it is the first. */
 export function labelOf(prefixed: string): string {
   const field = prefixed.replace(/^\d\|/, '');
+  if (field.startsWith(RERUN)) return field.slice(RERUN.length);
   if (!field.includes('{')) return field.replace(/:0\//, ' ').replace('/', ' ');
   const call = /^(roll|pitch|yaw)\(\{(\w+):0\/q(?:_d)?\[0\]\}/.exec(field);
   return call === null ? field.replaceAll(':0/', '/') : `${call[1]} of ${call[2]}`;

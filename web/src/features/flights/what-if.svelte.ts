@@ -1,0 +1,130 @@
+/** What if: a part of the open log is flown again in simulation, unchanged and with a change, and shown beside the log. */
+
+import type { ApiClient } from '../../api/client';
+import type { Problem } from '../../api/problems';
+import type { components } from '../../api/schema';
+import type { LogPart, LogView, Series } from './log-view.svelte';
+import { RERUN } from './sets';
+
+type Schemas = components['schemas'];
+export type Rerun = Schemas['RerunResult'];
+type Track = Schemas['RerunTrack'];
+export type RerunBody = Schemas['RerunRequest'];
+
+export interface ChangedParameter {
+  readonly name: string;
+  readonly value: number;
+}
+
+export class WhatIf {
+  parameters = $state.raw<readonly ChangedParameter[]>([]);
+  /** Motor that stops, 1 to 4; 0: none. */
+  stoppedMotor = $state(0);
+  /** Wind instead of the one in the log, the direction it blows to [m/s]; empty: as in the log. */
+  windNorth = $state('');
+  windEast = $state('');
+  duration = $state('20');
+  isBusy = $state(false);
+  result = $state.raw<Rerun | null>(null);
+  problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
+  private request = 0;
+
+  constructor(
+    private readonly api: ApiClient,
+    private readonly view: LogView,
+  ) {}
+
+  /** The vehicle's own log of the open flight; a recording of telemetry has no setpoints. */
+  get log(): LogPart | undefined {
+    return this.view.parts.find(({ overview }) => overview.kind === 'ulog');
+  }
+
+  /** Forgets the change and its result, as it is of another log. */
+  reset(): void {
+    this.request += 1;
+    this.parameters = [];
+    this.stoppedMotor = 0;
+    this.windNorth = this.windEast = '';
+    this.isBusy = false;
+    this.result = this.problem = null;
+  }
+
+  setParameter(name: string, value: number): void {
+    this.parameters = [...this.parameters.filter((each) => each.name !== name), { name, value }];
+  }
+
+  removeParameter(name: string): void {
+    this.parameters = this.parameters.filter((each) => each.name !== name);
+  }
+
+  body(from_s: number): RerunBody {
+    const [north, east] = [Number(this.windNorth), Number(this.windEast)];
+    const hasWind = this.windNorth.trim() !== '' || this.windEast.trim() !== '';
+    const motor = this.stoppedMotor;
+    return {
+      from_s,
+      duration_s: Number(this.duration),
+      parameters: Object.fromEntries(this.parameters.map(({ name, value }) => [name, value])),
+      wind_ned_m_s: hasWind ? [north, east, 0] : null,
+      motor_health: motor === 0 ? null : [1, 2, 3, 4].map((each) => (each === motor ? 0 : 1)),
+    };
+  }
+
+  /** Flies from a time of the plots. */
+  async fly(from_s: number): Promise<void> {
+    const { log } = this;
+    if (log === undefined || this.isBusy) return;
+    const { file, offset_s } = log;
+    const request = ++this.request;
+    this.isBusy = true;
+    const response = await this.api.post('/flights/{f}/rerun', { params: { path: { f: file } }, body: this.body(from_s - offset_s) });
+    if (request !== this.request || this.log?.file !== file) return; // another flight was opened
+    this.isBusy = false;
+    this.problem = response.ok ? null : response.problem;
+    if (!response.ok) return;
+    this.result = response.value;
+    const t_s = response.value.t_s.map((at_s) => at_s + offset_s);
+    const { series, panes } = plotsOf({ ...response.value, t_s });
+    this.view.showComputed(series, panes, { from_s: t_s[0] ?? from_s, to_s: t_s.at(-1) ?? from_s });
+  }
+}
+
+type Component = (track: Track) => readonly number[];
+const column =
+  (rows: (track: Track) => readonly (readonly number[])[], index: number, sign = 1): Component =>
+  (track) =>
+    rows(track).map((row) => sign * (row[index] ?? NaN));
+const position = (track: Track): readonly (readonly number[])[] => track.position_ned_m;
+const attitude = (track: Track): readonly (readonly number[])[] => track.attitude_deg;
+
+/** The panes of a rerun: how far it is from the log, then each value as logged, unchanged and changed. */
+export function plotsOf(result: Rerun): { series: Series[]; panes: string[][] } {
+  const rows: readonly { name: string; unit: string; of: Component }[] = [
+    { name: 'North', unit: 'm', of: column(position, 0) },
+    { name: 'East', unit: 'm', of: column(position, 1) },
+    { name: 'Height', unit: 'm', of: column(position, 2, -1) },
+    { name: 'Roll', unit: '°', of: column(attitude, 0) },
+    { name: 'Pitch', unit: '°', of: column(attitude, 1) },
+  ];
+  const tracks: readonly { label: (name: string) => string; track: Track }[] = [
+    { label: (name) => `${name}, logged`, track: result.logged },
+    { label: (name) => `${name}, unchanged`, track: result.unchanged },
+    { label: (name) => `${name}, changed`, track: result.changed },
+  ];
+  const { t_s } = result;
+  const made = (label: string, unit: string, values: readonly number[]): Series => ({
+    field: `${RERUN}${label}`,
+    unit,
+    samples: t_s.length,
+    t_s,
+    values: [...values],
+  });
+  const error = made('Distance of the unchanged flight from the log', 'm', result.error_m);
+  const groups = rows.map(({ name, unit, of }) => tracks.map(({ label, track }) => made(label(name), unit, of(track))));
+  return { series: [error, ...groups.flat()], panes: [[error.field], ...groups.map((group) => group.map(({ field }) => field))] };
+}
+
+/** The largest distance of two tracks [m]. */
+export function apart_m(first: Track, second: Track): number {
+  return Math.max(0, ...first.position_ned_m.map((at, i) => Math.hypot(...at.map((value, k) => value - (second.position_ned_m[i]?.[k] ?? value)))));
+}
