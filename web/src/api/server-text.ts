@@ -201,7 +201,6 @@ const TEXT_FIELDS = new Set([
   'if_link_lost',
   'assumed',
   'cautions',
-  'ended',
   'facts_problem',
   'fix',
   'left_out',
@@ -224,8 +223,13 @@ export function withTexts<T>(data: T, texts: ServerTexts): T {
     if (typeof value === 'string') return isText ? texts.text(value) : value;
     if (Array.isArray(value)) return typeof value[0] === 'number' ? value : value.map((one) => visit(one, isText));
     if (typeof value !== 'object' || value === null || Object.getPrototypeOf(value) !== Object.prototype) return value;
-    // A mode has its name in the API and a label; other labels are of the vehicle's metadata. The readiness' `words` say whose words it has.
-    const isShown = (name: string): boolean => TEXT_FIELDS.has(name) || (name === 'label' && 'mode' in value) || (name === 'words' && 'after_s' in value);
+    // A mode has its name in the API and a label, of which a flight (with its greatest height) has a list, and how it ended as a code; other labels are of the vehicle's metadata. The readiness' `words` say whose words it has.
+    const isShown = (name: string): boolean =>
+      TEXT_FIELDS.has(name) ||
+      (name === 'label' && 'mode' in value) ||
+      (name === 'words' && 'after_s' in value) ||
+      (name === 'modes' && 'height_m' in value) ||
+      (name === 'ended' && !('height_m' in value));
     return Object.fromEntries(Object.entries(value).map(([name, one]) => [name, OWN_FIELDS.has(name) ? one : visit(one, isShown(name))]));
   };
   return visit(data, false) as T;
