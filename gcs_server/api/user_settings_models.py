@@ -80,11 +80,17 @@ class Gamepad(StrictBody):
     """How the page uses a gamepad for flying by stick; missing axes are those of mode 2."""
 
     pitch: GamepadAxis | None = None
+    """Stick that pitches: forward is down."""
     roll: GamepadAxis | None = None
+    """Stick that rolls."""
     throttle: GamepadAxis | None = None
+    """Stick of the throttle: up climbs."""
     yaw: GamepadAxis | None = None
+    """Stick that turns the nose."""
     gimbal_pitch: GamepadAxis | None = None
+    """Axis that turns the gimbal up and down."""
     gimbal_yaw: GamepadAxis | None = None
+    """Axis that turns the gimbal to the sides."""
     dead_zone: float | None = Field(default=None, ge=0, le=0.5)
     """Deflection without effect, as a part of the whole; default: 0.05."""
     expo: float | None = Field(default=None, ge=0, le=1)

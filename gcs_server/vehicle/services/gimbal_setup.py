@@ -8,6 +8,7 @@ Without either, the console's `gimbal status` tells.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol, TypeVar
@@ -26,6 +27,7 @@ from gcs_server.vehicle.services.shell import ShellService
 REPORTED_WITHIN_S = 5.0
 """PX4 sends the manager's status every 2 s on a ground station's link [s]."""
 CONSOLE_WAIT_S = 3.0
+CONSOLE_TRIES = 4
 OUTPUT_PORTS = {"MAIN": 0, "AUX": 1}
 """SERVO_OUTPUT_RAW.port by the name of a group of outputs."""
 STATUS_ID = d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS
@@ -172,9 +174,7 @@ class GimbalSetupService:
             Refused: the vehicle is armed, or its links carry no console.
             NoReply: no answer.
         """
-        output, complete = await self._vehicle.service(ShellService).run(
-            "gimbal status", wait_s=CONSOLE_WAIT_S
-        )
+        output, complete = await self._run("gimbal status")
         if not complete:
             raise NoReply(
                 f"The console of vehicle {self._vehicle.id} did not end its answer to “gimbal status”.",
@@ -192,16 +192,23 @@ class GimbalSetupService:
             Refused: the vehicle is armed, or its links carry no console.
             NoReply: no answer.
         """
-        shell = self._vehicle.service(ShellService)
         await self.ask()
         if self._console_state != "not_running":
-            await shell.run("gimbal stop", wait_s=CONSOLE_WAIT_S)
-        await shell.run("gimbal start", wait_s=CONSOLE_WAIT_S)
+            await self._run("gimbal stop")
+        await self._run("gimbal start")
         self._since_s = self._vehicle.clock.monotonic_s()
         self._vehicle.service(ParamChanges).took_effect(px4.MODULE_PREFIX)
         return await self.ask()
 
     # --- internal -------------------------------------------------------------------------------------
+
+    async def _run(self, line: str) -> tuple[str, bool]:
+        """Runs a line about the module, again if the link lost its echo: twice, none of them does harm."""
+        shell = self._vehicle.service(ShellService)
+        for _ in range(CONSOLE_TRIES - 1):
+            with contextlib.suppress(NoReply):
+                return await shell.run(line, wait_s=CONSOLE_WAIT_S)
+        return await shell.run(line, wait_s=CONSOLE_WAIT_S)
 
     def _reported(self) -> ModuleState | None:
         if self._is_recent(STATUS_ID):

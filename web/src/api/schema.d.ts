@@ -7032,11 +7032,17 @@ export interface components {
          * @description How the page uses a gamepad for flying by stick; missing axes are those of mode 2.
          */
         readonly Gamepad: {
+            /** @description Stick that pitches: forward is down. */
             readonly pitch?: components["schemas"]["GamepadAxis"] | null;
+            /** @description Stick that rolls. */
             readonly roll?: components["schemas"]["GamepadAxis"] | null;
+            /** @description Stick of the throttle: up climbs. */
             readonly throttle?: components["schemas"]["GamepadAxis"] | null;
+            /** @description Stick that turns the nose. */
             readonly yaw?: components["schemas"]["GamepadAxis"] | null;
+            /** @description Axis that turns the gimbal up and down. */
             readonly gimbal_pitch?: components["schemas"]["GamepadAxis"] | null;
+            /** @description Axis that turns the gimbal to the sides. */
             readonly gimbal_yaw?: components["schemas"]["GamepadAxis"] | null;
             /**
              * Dead Zone
