@@ -118,7 +118,14 @@ async def add_elevation_source(body: NewMapSource, station: StationDep, principa
     """Adds a source of heights; it is not chosen, and not asked for anything."""
     sources = station.elevation_sources
     with authorized_command(station, principal, "elevation/add_source", None, body.model_dump()):
-        source = sources.add(body.name, body.url, body.attribution, body.max_zoom, may_save=body.may_save)
+        source = sources.add(
+            body.name,
+            body.url,
+            body.attribution,
+            body.max_zoom,
+            may_save=body.may_save,
+            min_zoom=body.min_zoom,
+        )
     return json_response(await source_view(sources, station.elevation_tiles, source), 201)
 
 

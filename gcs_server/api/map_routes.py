@@ -157,7 +157,7 @@ async def _source_view(station: Station, source: MapSource) -> dict[str, object]
         "url": f"/api/v1/map_sources/{source.id}",
         "format": "source",
         "tiles": "raster",
-        "min_zoom": 0,
+        "min_zoom": source.min_zoom,
         "max_zoom": source.max_zoom,
         "bounds_deg": None,
         "attribution": source.attribution,

@@ -14,13 +14,13 @@ from gcs_server.api.map_routes import MAX_ZOOM, REVALIDATE
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import json_response
+from gcs_server.api.responses import json_bytes, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
 from gcs_server.api.strict_body import Latitude, Longitude, ResponseBody, StrictBody, example
 from gcs_server.errors import Refused
 from gcs_server.maps.regions import USUAL_TILE_BYTES, Region, region_path, save
-from gcs_server.maps.sources import MapSource, MapSources
+from gcs_server.maps.sources import MapSource, MapSources, check_address
 from gcs_server.maps.tiles import Tiles, content_type
 from gcs_server.mavlink.dialect import MAV_SEVERITY_DEBUG
 from gcs_server.operations.operations import ReportProgress
@@ -45,6 +45,8 @@ class MapSourceView(ResponseBody):
     """The computer that is asked for tiles, and thereby learns which area is viewed."""
     attribution: str
     """Attribution that its licence requires."""
+    min_zoom: int
+    """Smallest zoom with tiles."""
     max_zoom: int
     """Largest zoom with tiles."""
     may_save: bool
@@ -87,10 +89,45 @@ class NewMapSource(StrictBody):
     archive."""
     attribution: Annotated[str, Field(max_length=300)] = ""
     """Attribution that its licence requires."""
+    min_zoom: Zoom = 0
+    """Smallest zoom with tiles."""
     max_zoom: Zoom = 19
     """Largest zoom with tiles."""
     may_save: bool = False
     """Whether its terms allow saving a region."""
+
+
+class WmtsAddress(StrictBody):
+    """The address of a WMTS service."""
+
+    model_config = example(url="https://maps.example.org/wmts/1.0.0/WMTSCapabilities.xml")
+
+    url: Annotated[str, Field(min_length=1, max_length=1000)]
+    """Address of its capabilities."""
+
+
+class WmtsLayerView(ResponseBody):
+    """A layer of a WMTS service that the map can show."""
+
+    name: str
+    """Its title."""
+    url: str
+    """Address of its tiles, for `POST /map_sources`."""
+    min_zoom: int
+    """Smallest zoom with tiles."""
+    max_zoom: int
+    """Largest zoom with tiles."""
+
+
+class WmtsLayers(ResponseBody):
+    """The layers of a WMTS service."""
+
+    attribution: str
+    """Who provides the service; may be empty."""
+    layers: list[WmtsLayerView]
+    """Layers of images in Web Mercator, in the service's order."""
+    others: int
+    """Number of its other layers."""
 
 
 class RegionRequest(StrictBody):
@@ -145,9 +182,26 @@ async def add_map_source(body: NewMapSource, station: StationDep, principal: Pri
     """Adds a source; it is not chosen, and not asked for anything."""
     with authorized_command(station, principal, "maps/add_source", None, body.model_dump()):
         source = station.map_sources.add(
-            body.name, body.url, body.attribution, body.max_zoom, may_save=body.may_save
+            body.name,
+            body.url,
+            body.attribution,
+            body.max_zoom,
+            may_save=body.may_save,
+            min_zoom=body.min_zoom,
         )
     return json_response(await source_view(station.map_sources, station.map_tiles, source), 201)
+
+
+@router.post("/map_sources/wmts_layers", response_model=WmtsLayers)
+async def read_wmts_layers(body: WmtsAddress, station: StationDep, principal: PrincipalDep) -> Response:
+    """Asks a WMTS service once for its layers, so that the address of one can be added as a source."""
+    with authorized_command(station, principal, "maps/read_service", None, body.model_dump()):
+        check_address(body.url)
+        description = await station.map_tiles.description(body.url)
+        answer = await station.flights.plan_work.run(
+            "wmts_layers", {"description": description}, small=False, field="url"
+        )
+    return json_bytes(answer.body)
 
 
 @router.delete("/map_sources/{s}", status_code=204)
@@ -181,7 +235,7 @@ async def source_tile(
     source = station.map_sources.get(s)
     if source != station.map_sources.chosen:
         raise Refused(f"The map source {source.name} is not chosen.", remedy="PUT /map_sources/chosen")
-    if zoom > source.max_zoom or max(x, y) >= 1 << zoom:
+    if not source.min_zoom <= zoom <= source.max_zoom or max(x, y) >= 1 << zoom:
         return Response(status_code=204, headers=REVALIDATE)
     tile = await station.map_tiles.tile(source, zoom, x, y)
     if not tile:

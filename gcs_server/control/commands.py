@@ -314,6 +314,7 @@ ALL: tuple[Command, ...] = (
     Command("vehicles/remove", "station", ("DELETE /vehicles/{v}",), "not_anothers", "the vehicle"),
     Command("maps/choose", "station", ("PUT /map_sources/chosen",)),
     Command("maps/add_source", "station", ("POST /map_sources",)),
+    Command("maps/read_service", "station", ("POST /map_sources/wmts_layers",)),
     Command("maps/remove_source", "station", ("DELETE /map_sources/{s}",)),
     Command("maps/save_region", "station", ("POST /map_regions",)),
     Command("elevation/choose", "station", ("PUT /elevation/sources/chosen",)),

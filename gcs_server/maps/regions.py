@@ -44,11 +44,11 @@ class Region:
         west, south, east, north = self.bounds_deg
         if not (west < east and south < north):
             raise InvalidRequest("bounds_deg", "West must be less than east, and south less than north.")
-        if not self.min_zoom <= self.max_zoom <= source.max_zoom:
+        if not source.min_zoom <= self.min_zoom <= self.max_zoom <= source.max_zoom:
             raise InvalidRequest(
                 "max_zoom",
-                f"The zooms {self.min_zoom} to {self.max_zoom} are not within 0 to {source.max_zoom}, which "
-                f"{source.name} has.",
+                f"The zooms {self.min_zoom} to {self.max_zoom} are not within {source.min_zoom} to "
+                f"{source.max_zoom}, which {source.name} has.",
             )
         if not source.may_save:
             raise Refused(

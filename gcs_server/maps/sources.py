@@ -24,9 +24,10 @@ RECORD = "sources"
 _PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
 _CANONICAL = {
     "z": "{z}", "x": "{x}", "y": "{y}", "-y": "{-y}", "q": "{q}", "quadkey": "{q}",
-    "zoom": "{z}", "tilematrix": "{z}", "tilerow": "{y}", "tilecol": "{x}", "s": "a",
+    "zoom": "{z}", "tilematrix": "{z}", "tilerow": "{y}", "tilecol": "{x}", "s": "a", "zz": "{zz}",
 }  # fmt: skip
-"""Placeholders by the names that other programs use for them. `{s}` is one of several equal servers."""
+"""Placeholders by the names that other programs use for them. `{s}` is one of several equal servers; `{zz}`
+is the zoom in two digits, as some WMTS services name it."""
 _KVP = {"tilematrix": "{z}", "tilerow": "{y}", "tilecol": "{x}"}
 
 
@@ -51,6 +52,7 @@ class MapSource:
     max_zoom: Annotated[int, Ge(0), Le(24)]
     may_save: bool
     """Whether the terms of the source allow saving the tiles of a region for later."""
+    min_zoom: Annotated[int, Ge(0), Le(24)] = 0
 
     @property
     def host(self) -> str:
@@ -64,7 +66,14 @@ class MapSource:
 
     def tile_url(self, zoom: int, x: int, y: int) -> str:
         """Address of a tile, y counted from the north."""
-        values = {"z": zoom, "x": x, "y": y, "-y": (1 << zoom) - 1 - y, "q": _quadkey(zoom, x, y)}
+        values = {
+            "z": zoom,
+            "zz": f"{zoom:02d}",
+            "x": x,
+            "y": y,
+            "-y": (1 << zoom) - 1 - y,
+            "q": _quadkey(zoom, x, y),
+        }
         return _PLACEHOLDER.sub(lambda found: str(values[found[1]]), self.url)
 
 
@@ -116,6 +125,19 @@ USUAL_ELEVATION = (
 """Open data on Amazon's servers, in the Terrarium encoding."""
 
 
+def check_address(address: str) -> None:
+    """Raises InvalidRequest if this is not the address of something on a computer of the web."""
+    try:
+        parts = urlsplit(address)
+        is_web = parts.scheme in ("http", "https") and bool(parts.hostname)
+    except ValueError:  # brackets that are no IPv6 address
+        is_web = False
+    if not is_web:
+        raise InvalidRequest("url", "The address must begin with http:// or https:// and name a computer.")
+    if len(address) > MAX_ADDRESS_LENGTH or not address.isprintable() or " " in address:
+        raise InvalidRequest("url", "The address has spaces or is too long.")
+
+
 def address_of_tiles(address: str) -> str:
     """The address with this server's placeholders, from what other programs and services call them: an XYZ
     template, a WMTS template, the address of one WMTS tile with its parameters, or of a PMTiles archive.
@@ -123,11 +145,8 @@ def address_of_tiles(address: str) -> str:
     Raises:
         InvalidRequest: it is no address of tiles; says why.
     """
+    check_address(address)
     parts = urlsplit(address)
-    if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise InvalidRequest("url", "The address must begin with http:// or https:// and name a computer.")
-    if len(address) > MAX_ADDRESS_LENGTH or not address.isprintable() or " " in address:
-        raise InvalidRequest("url", "The address has spaces or is too long.")
     if _is_archive(address):
         return address
     keys = {key.lower(): value for key, value in parse_qsl(parts.query, keep_blank_values=True)}
@@ -135,7 +154,7 @@ def address_of_tiles(address: str) -> str:
         raise InvalidRequest(
             "url",
             "This is the description of a WMTS service, not the address of its tiles.",
-            remedy="Paste the ResourceURL of one layer from it, with {TileMatrix}, {TileRow} and {TileCol}.",
+            remedy="POST /map_sources/wmts_layers reads its layers and the addresses of their tiles.",
         )
     if keys.get("request", "").lower() == "gettile":
         address = address.replace(parts.query, "&".join(_kvp(pair) for pair in parts.query.split("&")))
@@ -148,7 +167,9 @@ def address_of_tiles(address: str) -> str:
         )
     address = _PLACEHOLDER.sub(lambda found: _CANONICAL[found[1].lower()], address)
     has_rows = "{y}" in address or "{-y}" in address
-    if "{q}" not in address and not ("{z}" in address and "{x}" in address and has_rows):
+    if "{q}" not in address and not (
+        ("{z}" in address or "{zz}" in address) and "{x}" in address and has_rows
+    ):
         raise InvalidRequest(
             "url",
             "The address names no tile: {z}, {x} and {y} are missing.",
@@ -231,20 +252,24 @@ class MapSources:
         """Chooses a source, or none. Raises UnknownSource."""
         self._store(None if source_id is None else self.get(source_id).id, self._stored.own)
 
-    def add(self, name: str, url: str, attribution: str, max_zoom: int, *, may_save: bool) -> MapSource:
+    def add(
+        self, name: str, url: str, attribution: str, max_zoom: int, *, may_save: bool, min_zoom: int = 0
+    ) -> MapSource:
         """Adds a source of the operator's own.
 
         Raises:
             InvalidRequest: the address is not usable, or the name is taken.
             Refused: there are too many.
         """
+        if min_zoom > max_zoom:
+            raise InvalidRequest("min_zoom", "The smallest zoom must not be above the largest.")
         if any(each.name == name for each in self.all()):
             raise InvalidRequest("name", f"There is a {self.what} {name!r} already.")
         if len(self._stored.own) >= MAX_OWN_SOURCES:
             raise Refused(f"There are {MAX_OWN_SOURCES} own {self.what}s.", remedy="Remove one first.")
         taken = {each.id for each in self.all()}
         source_id = next(each for n in range(1, MAX_OWN_SOURCES + 2) if (each := f"own{n}") not in taken)
-        source = MapSource(source_id, name, address_of_tiles(url), attribution, max_zoom, may_save)
+        source = MapSource(source_id, name, address_of_tiles(url), attribution, max_zoom, may_save, min_zoom)
         self._store(self._stored.chosen, (*self._stored.own, source))
         return source
 

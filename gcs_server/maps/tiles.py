@@ -6,30 +6,29 @@ import asyncio
 import logging
 import sqlite3
 import struct
-from collections.abc import AsyncGenerator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
+from urllib.parse import urlsplit
 
 from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, ServerBusy
 from gcs_server.maps.archive import Archive, ArchiveError, ArchiveInfo
+from gcs_server.maps.downloads import Downloads, NoAnswer, body
 from gcs_server.maps.sources import MapSource
-from gcs_server.version import __version__
-
-if TYPE_CHECKING:
-    import httpx
 
 log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 FRESH_S = 14 * 86_400.0
 """Age up to which a kept tile is shown without asking again [s]; OpenStreetMap asks for seven days."""
-TIMEOUT_S = 10.0
-MAX_REDIRECTS = 3
 MAX_TILE_BYTES = 2_000_000
+MAX_DESCRIPTION_BYTES = 8_000_000
+"""The largest public descriptions of WMTS services have about 6 MB."""
+OUT_OF_RANGE = b"TileOutOfRange"
+"""How a WMTS service answers (status 400) outside the area of a layer."""
 MAX_STORE_BYTES = 1_000_000_000
 """Maximum size of the kept tiles of a source; the oldest tenth is dropped."""
 CONCURRENT = 6
@@ -189,7 +188,7 @@ class Tiles:
         self._what, self._fault = what, fault
         self._stores: dict[str, TileStore] = {}
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="map-tiles")
-        self._client: httpx.AsyncClient | None = None
+        self._downloads = Downloads()
         self._places = asyncio.Semaphore(CONCURRENT)
         self._waiting = 0
         self._archives: dict[str, Archive] = {}
@@ -251,11 +250,18 @@ class Tiles:
 
     async def close(self) -> None:
         """Ends all requests and closes the files."""
-        if self._client is not None:
-            await self._client.aclose()
+        await self._downloads.close()
         for store in self._stores.values():
             await asyncio.get_running_loop().run_in_executor(self._thread, store.close)
         self._thread.shutdown()
+
+    async def description(self, url: str) -> bytes:
+        """The description of a service of tiles, as it is. Raises MapSourceFailed."""
+        try:
+            return await self._downloads.document(url, MAX_DESCRIPTION_BYTES)
+        except NoAnswer as error:
+            text = f"The service at {urlsplit(url).hostname} does not describe its tiles: {error}."
+            raise MapSourceFailed(text, remedy=REMEDY) from error
 
     async def _in_thread(self, source: MapSource, work: Callable[[TileStore], T]) -> T:
         store = self._stores.get(source.id)
@@ -287,7 +293,7 @@ class Tiles:
                 self._forget_archive(source)
                 return await work()
         except (ArchiveError, ArchiveChanged) as error:
-            raise self._failed(source, f"it answers with {error}") from error
+            raise NoAnswer(f"it answers with {error}") from error
 
     def _forget_archive(self, source: MapSource) -> None:
         self._archives.pop(source.id, None)
@@ -295,7 +301,7 @@ class Tiles:
 
     async def _content(self, source: MapSource, zoom: int, x: int, y: int) -> bytes:
         if not source.is_archive:
-            return await self._download(source, source.tile_url(zoom, x, y))
+            return await self._download(source.tile_url(zoom, x, y))
 
         async def content() -> bytes:
             archive = self._archive_of(source)
@@ -314,73 +320,37 @@ class Tiles:
                 raise MapSourceFailed(failed[1], remedy=REMEDY)
             try:
                 content = await work()
-            except MapSourceFailed as error:
-                self._failures[source.id] = (self._clock.monotonic_s(), error.message)
-                raise
+            except NoAnswer as error:
+                text = f"The {self._what} {source.name} ({source.host}) gives no tiles: {error}."
+                self._failures[source.id] = (self._clock.monotonic_s(), text)
+                raise MapSourceFailed(text, remedy=REMEDY) from error
             self._failures.pop(source.id, None)
             return content
 
-    async def _download(self, source: MapSource, url: str) -> bytes:
-        async with self._answer(source, url) as answer:
+    async def _download(self, url: str) -> bytes:
+        async with self._downloads.answer(url) as answer:
             if answer.status_code in (204, 404):
                 return b""
-            if answer.status_code != 200:
-                raise self._failed(source, f"it answers with status {answer.status_code}")
-            tile = await self._body(source, answer, MAX_TILE_BYTES)
+            tile = await body(answer, MAX_TILE_BYTES, f"its tiles have more than {MAX_TILE_BYTES / 1e6:g} MB")
+        if answer.status_code == 400 and OUT_OF_RANGE in tile:
+            return b""
+        if answer.status_code != 200:
+            raise NoAnswer(f"it answers with status {answer.status_code}")
         fault = self._fault(tile)
         if fault is not None:
             kind = answer.headers.get("content-type", "unknown type")[:60]
-            raise self._failed(source, f"it answers with {fault} ({kind})")
+            raise NoAnswer(f"it answers with {fault} ({kind})")
         return tile
 
     async def _range(self, source: MapSource, offset: int, length: int) -> bytes:
-        """A part of a source's archive. Raises MapSourceFailed and ArchiveChanged."""
+        """A part of a source's archive. Raises NoAnswer and ArchiveChanged."""
         headers = {"Range": f"bytes={offset}-{offset + length - 1}", "Accept-Encoding": "identity"}
-        async with self._answer(source, source.url, headers) as answer:
+        async with self._downloads.answer(source.url, headers) as answer:
             if answer.status_code == 200:
-                raise self._failed(source, "it ignores which part of the archive it is asked for")
+                raise NoAnswer("it ignores which part of the archive it is asked for")
             if answer.status_code != 206:
-                raise self._failed(source, f"it answers with status {answer.status_code}")
+                raise NoAnswer(f"it answers with status {answer.status_code}")
             etag = answer.headers.get("etag", "")
             if self._etags.setdefault(source.id, etag) != etag:
                 raise ArchiveChanged("an archive that changes")
-            return await self._body(source, answer, length)
-
-    @asynccontextmanager
-    async def _answer(
-        self, source: MapSource, url: str, headers: dict[str, str] | None = None
-    ) -> AsyncGenerator[httpx.Response]:
-        import httpx  # only a server with a chosen source needs it
-
-        if self._client is None:
-            self._client = httpx.AsyncClient(
-                timeout=TIMEOUT_S,
-                follow_redirects=True,
-                max_redirects=MAX_REDIRECTS,
-                headers={"User-Agent": f"offboard-gcs/{__version__}"},
-            )
-        try:
-            async with (
-                asyncio.timeout(2 * TIMEOUT_S),
-                self._client.stream("GET", url, headers=headers) as answer,
-            ):
-                yield answer
-        except (httpx.HTTPError, httpx.InvalidURL) as error:
-            raise self._failed(source, str(error) or type(error).__name__) from error
-        except TimeoutError:
-            raise self._failed(source, f"no answer in {2 * TIMEOUT_S:g} s") from None
-
-    async def _body(self, source: MapSource, answer: httpx.Response, max_bytes: int) -> bytes:
-        content = bytearray()
-        async for part in answer.aiter_bytes():
-            content += part
-            if len(content) > max_bytes:
-                limit = f"{max_bytes / 1e6:g} MB" if max_bytes == MAX_TILE_BYTES else f"{max_bytes:,} bytes"
-                raise self._failed(source, f"its tiles have more than {limit}")
-        return bytes(content)
-
-    def _failed(self, source: MapSource, reason: str) -> MapSourceFailed:
-        return MapSourceFailed(
-            f"The {self._what} {source.name} ({source.host}) gives no tiles: {reason}.",
-            remedy=REMEDY,
-        )
+            return await body(answer, length, f"its tiles have more than {length:,} bytes")

@@ -596,6 +596,13 @@ def _relief(arguments: Mapping[str, Any]) -> Answer:
     return Answer({}, terrain_tasks.relief(arguments))
 
 
+def _wmts_layers(arguments: Mapping[str, Any]) -> Answer:
+    """The layers of a WMTS service. Argument: `description` (bytes). The body is the response."""
+    from gcs_server.maps import wmts
+
+    return _response(dataclasses.asdict(wmts.read(arguments["description"])))
+
+
 WITH_ELEVATION = frozenset(
     {
         "check", "compile", "elevation_files", "follow_ground", "ground_tile", "known_ground",
@@ -623,4 +630,5 @@ TASKS: dict[str, Callable[[Mapping[str, Any]], Answer]] = {
     "read": _read,
     "relief": _relief,
     "table": _table,
+    "wmts_layers": _wmts_layers,
 }

@@ -19,6 +19,7 @@ from tests.e2e.fast_station import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.station import wait_until
 from tests.support.tile_server import TileServer
+from tests.support.wmts import description, layer, matrix_set
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
@@ -256,5 +257,44 @@ def test_a_source_is_chosen_and_saved_by_clicks(browser: Browser, station: Stati
             panel.get_by_label("Grid only").check()
             expect(panel).to_contain_text("and the map file")
             wait_until(lambda: mean_colour(page)[2] - mean_colour(page)[0] > 60, "the saved tiles")
+    finally:
+        source.close()
+
+
+def test_a_layer_of_a_service_is_chosen_by_its_capabilities(browser: Browser, station: Station) -> None:
+    picture, source = png((0, 160, 0)), TileServer()
+    base = source.url.partition("/{z}")[0]
+    template = f"{base}/{{Style}}/{{TileMatrixSet}}/{{TileMatrix}}/{{TileRow}}/{{TileCol}}.png"
+    capabilities = description(
+        matrix_set(), layer("roads"), layer("land", title="Land use", template=template)
+    )
+    answers = {"/WMTSCapabilities.xml": capabilities, "/sign-in.xml": b"<html>Sign in</html>"}
+    source.answer = lambda path: answers.get(path, picture)
+    try:
+        with open_page(browser, station.url, theme="light", scene=False) as page:
+            open_large_map(page)
+            page.get_by_role("button", name="Choose map").click()
+            panel = page.get_by_role("region", name="Map source")
+            panel.get_by_role("button", name="Add a source").click()
+            address = panel.get_by_label("Address of a tile")
+            address.fill(f"{base}/sign-in.xml")
+            panel.get_by_role("button", name="Read its layers").click()
+            expect(panel.get_by_role("alert")).to_contain_text("a web page")
+            address.fill(f"{base}/WMTSCapabilities.xml")
+            panel.get_by_role("button", name="Read its layers").click()
+            expect(panel.get_by_label("Layer")).to_contain_text("Land use")
+            expect(panel).to_contain_text("One more layer is not in Web Mercator, or has no images.")
+            expect(panel.get_by_label("Name")).to_have_value("Land use")
+            expect(panel.get_by_label("Attribution")).to_have_value("Office of Maps")
+            assert serious_violations(page) == []
+            panel.get_by_role("button", name="Add and show").click()
+            expect(panel).to_contain_text("and so tells it which area is viewed")
+
+            def is_green() -> bool:
+                r, g, b = mean_colour(page)
+                return g - max(r, b) > 60
+
+            wait_until(is_green, "the tiles of the layer")
+            expect(page.get_by_role("toolbar", name="Map")).to_contain_text("Office of Maps")
     finally:
         source.close()

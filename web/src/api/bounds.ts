@@ -245,6 +245,7 @@ export const BOUNDS = {
     version: {"min":1},
   },
   NewMapSource: {
+    min_zoom: {"min":0,"max":24},
     max_zoom: {"min":0,"max":24},
   },
   NewUpload: {

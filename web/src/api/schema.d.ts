@@ -1770,6 +1770,26 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/map_sources/wmts_layers": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Read Wmts Layers
+         * @description Asks a WMTS service once for its layers, so that the address of one can be added as a source.
+         */
+        readonly post: operations["read_wmts_layers_api_v1_map_sources_wmts_layers_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/map_sources/{s}": {
         readonly parameters: {
             readonly query?: never;
@@ -10326,6 +10346,11 @@ export interface components {
              */
             readonly attribution: string;
             /**
+             * Min Zoom
+             * @description Smallest zoom with tiles.
+             */
+            readonly min_zoom: number;
+            /**
              * Max Zoom
              * @description Largest zoom with tiles.
              */
@@ -11268,6 +11293,11 @@ export interface components {
              * @description Attribution that its licence requires.
              */
             readonly attribution?: string;
+            /**
+             * Min Zoom
+             * @description Smallest zoom with tiles.
+             */
+            readonly min_zoom?: number;
             /**
              * Max Zoom
              * @description Largest zoom with tiles.
@@ -18033,6 +18063,67 @@ export interface components {
             readonly value: components["schemas"]["Wind"];
         };
         /**
+         * WmtsAddress
+         * @description The address of a WMTS service.
+         * @example {
+         *       "url": "https://maps.example.org/wmts/1.0.0/WMTSCapabilities.xml"
+         *     }
+         */
+        readonly WmtsAddress: {
+            /**
+             * Url
+             * @description Address of its capabilities.
+             */
+            readonly url: string;
+        };
+        /**
+         * WmtsLayerView
+         * @description A layer of a WMTS service that the map can show.
+         */
+        readonly WmtsLayerView: {
+            /**
+             * Name
+             * @description Its title.
+             */
+            readonly name: string;
+            /**
+             * Url
+             * @description Address of its tiles, for `POST /map_sources`.
+             */
+            readonly url: string;
+            /**
+             * Min Zoom
+             * @description Smallest zoom with tiles.
+             */
+            readonly min_zoom: number;
+            /**
+             * Max Zoom
+             * @description Largest zoom with tiles.
+             */
+            readonly max_zoom: number;
+        };
+        /**
+         * WmtsLayers
+         * @description The layers of a WMTS service.
+         */
+        readonly WmtsLayers: {
+            /**
+             * Attribution
+             * @description Who provides the service; may be empty.
+             */
+            readonly attribution: string;
+            /**
+             * Layers
+             * @description Layers of images in Web Mercator, in the service's order.
+             */
+            readonly layers: readonly components["schemas"]["WmtsLayerView"][];
+            /**
+             * Others
+             * @description Number of its other layers.
+             */
+            readonly others: number;
+        };
+        /**
          * WrittenParam
          * @description What became of one change.
          */
@@ -24024,6 +24115,67 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["MapSourceList"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly read_wmts_layers_api_v1_map_sources_wmts_layers_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["WmtsAddress"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["WmtsLayers"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

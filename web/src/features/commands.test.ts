@@ -397,6 +397,7 @@ const COMPUTING = new Set([
   '/elevation/regions/size',
   '/settings',
   '/map_regions/size',
+  '/map_sources/wmts_layers',
   '/flights/{f}/rerun',
   '/plans/check',
   '/plans/convert',

@@ -9,6 +9,7 @@ export type RegionSize = components['schemas']['RegionSize'];
 export type Operation = components['schemas']['Operation'];
 export type MapRegion = components['schemas']['RegionRequest'];
 export type GroundRegion = components['schemas']['GroundRegion'];
+export type WmtsLayers = components['schemas']['WmtsLayers'];
 type NewSource = components['schemas']['NewMapSource'];
 
 export interface SourceCalls<Region> {
@@ -16,6 +17,8 @@ export interface SourceCalls<Region> {
   choose: (source: string | null) => Promise<Outcome<SourceList>>;
   add: (body: NewSource) => Promise<Outcome<MapSource>>;
   remove: (s: string) => Promise<Outcome<unknown>>;
+  /** Reads the layers of a WMTS service; absent: such a source cannot be one. */
+  layers?: (url: string) => Promise<Outcome<WmtsLayers>>;
   size: (body: Region) => Promise<Outcome<RegionSize>>;
   save: (body: Region) => Promise<Outcome<Operation>>;
 }
@@ -25,6 +28,7 @@ export const mapCalls = (api: ApiClient): SourceCalls<MapRegion> => ({
   choose: (source) => api.put('/map_sources/chosen', { body: { source } }),
   add: (body) => api.post('/map_sources', { body }),
   remove: (s) => api.delete('/map_sources/{s}', { params: { path: { s } } }),
+  layers: (url) => api.post('/map_sources/wmts_layers', { body: { url } }),
   size: (body) => api.post('/map_regions/size', { body }),
   save: (body) => api.post('/map_regions', { body }),
 });

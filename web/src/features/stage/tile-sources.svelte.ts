@@ -3,9 +3,25 @@
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import { CommandGate, DOUBLE_CLICK } from '../../app/actions/command.svelte';
-import type { MapSource, Operation, SourceCalls, SourceList } from './source-calls';
+import type { MapSource, Operation, SourceCalls, SourceList, WmtsLayers } from './source-calls';
 
 const POLL_MS = 400;
+
+interface NewSource {
+  name: string;
+  url: string;
+  attribution: string;
+  may_save: boolean;
+  min_zoom?: number;
+  max_zoom?: number;
+}
+
+/** Whether an address is that of a WMTS service's capabilities, and not of tiles. */
+export function isWmtsDescription(url: string): boolean {
+  const [path = '', query = ''] = url.trim().split('?');
+  if (/\{|request=gettile/i.test(url)) return false;
+  return /\.xml$/i.test(path) || /request=getcapabilities|service=wmts/i.test(query) || /\/wmts\/?$/i.test(path);
+}
 
 /** @typeParam Region the area that is saved, with its name. */
 export class TileSources<Region extends { name: string }> {
@@ -13,6 +29,8 @@ export class TileSources<Region extends { name: string }> {
   problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
   /** The region whose size was asked for, which is then saved; null: none. */
   measured = $state.raw<{ region: Region; tiles: number; estimated_bytes: number } | null>(null);
+  /** The layers of the WMTS service at an address that somebody typed; null: none were read. */
+  service = $state.raw<({ url: string } & WmtsLayers) | null>(null);
   /** The saving of a region that this page has started. */
   saving = $state.raw<Operation | null>(null);
 
@@ -47,10 +65,24 @@ export class TileSources<Region extends { name: string }> {
     this.take(response, (list) => (this.list = list));
   }
 
-  /** Adds a source and chooses it. Returns whether the server accepted it. */
-  async add(source: { name: string; url: string; attribution: string; may_save: boolean }): Promise<boolean> {
+  /** Whether this is the address of a service whose layers have to be read first. */
+  isService(url: string): boolean {
+    return this.calls.layers !== undefined && isWmtsDescription(url) && this.service?.url !== url.trim();
+  }
+
+  /** Asks the service at an address for its layers. */
+  async readLayers(url: string): Promise<void> {
+    const { layers } = this.calls;
+    this.service = null;
+    if (layers === undefined) return;
+    const response = await this.command('Read a service', () => layers(url.trim()));
+    this.take(response, (found) => (this.service = { url: url.trim(), ...found }));
+  }
+
+  /** Adds a source and chooses it. Returns whether the server accepted it. @param source without zooms: the usual ones */
+  async add(source: NewSource): Promise<boolean> {
     let id: string | null = null;
-    const body = { ...source, max_zoom: this.what === 'map' ? 19 : 15 };
+    const body = { max_zoom: this.what === 'map' ? 19 : 15, min_zoom: 0, ...source };
     this.take(await this.command('Add a source', () => this.calls.add(body)), (added) => (id = added.id));
     if (id === null) return false;
     await this.choose(id);

@@ -1,7 +1,7 @@
 import { beforeEach, expect, it, vi } from 'vitest';
 import type { ApiClient } from '../../api/client';
 import { groundCalls, mapCalls, type MapRegion, type MapSource } from './source-calls';
-import { TileSources, whoLearns, whoLearnsOfGround } from './tile-sources.svelte';
+import { isWmtsDescription, TileSources, whoLearns, whoLearnsOfGround } from './tile-sources.svelte';
 
 const OWN: MapSource = {
   id: 'own1',
@@ -9,6 +9,7 @@ const OWN: MapSource = {
   url: 'http://10.0.0.2/{z}/{x}/{y}',
   host: '10.0.0.2',
   attribution: '',
+  min_zoom: 0,
   max_zoom: 19,
   may_save: true,
   own: true,
@@ -55,6 +56,37 @@ it('shows an added source at once, and nothing if the address is refused', async
   expect(await sources.add(draft)).toBe(true);
   expect(sources.problem).toBeNull();
   expect(sources.chosen?.id).toBe('own1');
+});
+
+it('asks a service for its layers, of which one is added with its own zooms', async () => {
+  const layer = { name: 'Aerial', url: 'http://10.0.0.2/a/{z}/{y}/{x}', min_zoom: 6, max_zoom: 17 };
+  answers = {
+    'POST /map_sources/wmts_layers': [
+      { title: 'Invalid request', detail: 'a web page' },
+      { attribution: 'Us', layers: [layer], others: 2 },
+    ],
+    'POST /map_sources': [OWN],
+  };
+  const url = 'http://10.0.0.2/WMTSCapabilities.xml';
+  await sources.readLayers(url);
+  expect([sources.service, sources.problem?.detail, sources.isService(url)]).toEqual([null, 'a web page', true]);
+  await sources.readLayers(url);
+  expect([sources.service?.others, sources.problem, sources.isService(url)]).toEqual([2, null, false]);
+  await sources.add({ ...layer, attribution: 'Us', may_save: false });
+  expect(calls.find(([, path]) => path === '/map_sources')?.[2]).toEqual({ ...layer, attribution: 'Us', may_save: false });
+  expect(new TileSources(api, groundCalls(api), 'ground').isService(url)).toBe(false);
+});
+
+it.each([
+  ['https://a.example/wmts/1.0.0/WMTSCapabilities.xml', true],
+  ['https://a.example/geo/wmts?SERVICE=WMTS&REQUEST=GetCapabilities', true],
+  ['https://a.example/ows?service=wmts&key=1', true],
+  [' https://a.example/gwc/service/wmts ', true],
+  ['https://a.example/wmts?SERVICE=WMTS&REQUEST=GetTile&TileMatrix=1', false],
+  ['https://a.example/wmts/l/{TileMatrix}/{TileRow}/{TileCol}.png', false],
+  ['https://a.example/world.pmtiles', false],
+])('knows the address of a description: %s', (url, expected) => {
+  expect(isWmtsDescription(url)).toBe(expected);
 });
 
 it('saves exactly the area whose size it has shown', async () => {
