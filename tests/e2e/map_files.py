@@ -10,6 +10,8 @@ import zlib
 from contextlib import closing
 from pathlib import Path
 
+from tests.support.archive_server import varint
+
 
 def png(colour: tuple[int, int, int], side: int = 256) -> bytes:
     """A square PNG of one colour."""
@@ -31,13 +33,7 @@ def write_pmtiles(path: Path, picture: bytes) -> None:
     """Writes a map of the whole world: one tile of zoom 0."""
     metadata = gzip.compress(json.dumps({"attribution": "© Red Survey"}).encode())
     # The directory has one entry: tile 0, run length 1, size in bytes as a varint, and offset plus one.
-    size = len(picture)
-    size_varint = bytearray()
-    while size >= 0x80:
-        size_varint.append(size & 0x7F | 0x80)
-        size >>= 7
-    size_varint.append(size)
-    root_directory = gzip.compress(bytes([1, 0, 1]) + bytes(size_varint) + bytes([1]))
+    root_directory = gzip.compress(bytes([1, 0, 1]) + varint(len(picture)) + bytes([1]))
     offsets = [127, 127 + len(root_directory), 127 + len(root_directory) + len(metadata)]
     header_numbers = [
         offsets[0],
@@ -69,3 +65,18 @@ def write_mbtiles(path: Path, picture: bytes) -> None:
             "INSERT INTO tiles VALUES (1, ?, ?, ?)", [(x, y, picture) for x in (0, 1) for y in (0, 1)]
         )
         database.commit()
+
+
+def vector_tile(layer: str) -> bytes:
+    """A vector tile (Mapbox Vector Tile 2.1) whose one layer has one area, which is the whole tile."""
+
+    def field(number: int, content: bytes | int) -> bytes:
+        if isinstance(content, int):
+            return varint(number << 3) + varint(content)
+        return varint(number << 3 | 2) + varint(len(content)) + content
+
+    move_to, line_to_3, close = 9, 26, 15
+    there, back = 2 * 4096, 2 * 4096 - 1  # zigzag of 4096 and -4096
+    steps = (move_to, 0, 0, line_to_3, there, 0, 0, there, back, 0, close)
+    area = field(3, 3) + field(4, b"".join(map(varint, steps)))
+    return field(3, field(15, 2) + field(1, layer.encode()) + field(2, area) + field(5, 4096))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -16,13 +17,16 @@ from playwright.sync_api import Browser, Locator, Page, Route, expect
 from gcs_server.client import SyncVehicle
 from tests.e2e.browser import bounding_box, confirm_by_slider, open_page, scene_frame, serious_violations
 from tests.e2e.fast_station import Station
-from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
+from tests.e2e.map_files import png, vector_tile, write_mbtiles, write_pmtiles
 from tests.station import wait_until
+from tests.support.archive_server import VECTOR_TILES, ArchiveServer, archive
 from tests.support.tile_server import TileServer
 from tests.support.wmts import description, layer, matrix_set
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
+PICTURES = os.environ.get("MAP_PICTURES")
+"""Where some screens are saved, to look at them; unset: nowhere."""
 MEAN_COLOUR = """
 async (screenshot) => {
   const image = new Image();
@@ -287,6 +291,8 @@ def test_a_layer_of_a_service_is_chosen_by_its_capabilities(browser: Browser, st
             expect(panel.get_by_label("Name")).to_have_value("Land use")
             expect(panel.get_by_label("Attribution")).to_have_value("Office of Maps")
             assert serious_violations(page) == []
+            if PICTURES:
+                page.screenshot(path=Path(PICTURES) / "wmts.png")
             panel.get_by_role("button", name="Add and show").click()
             expect(panel).to_contain_text("and so tells it which area is viewed")
 
@@ -296,5 +302,49 @@ def test_a_layer_of_a_service_is_chosen_by_its_capabilities(browser: Browser, st
 
             wait_until(is_green, "the tiles of the layer")
             expect(page.get_by_role("toolbar", name="Map")).to_contain_text("Office of Maps")
+    finally:
+        source.close()
+
+
+@pytest.mark.parametrize("kind", ["raster", "vector"])
+def test_a_pmtiles_file_at_an_address_is_drawn(browser: Browser, station: Station, kind: str) -> None:
+    """Its own attribution is shown, also when the source is gone; then its kept tiles stay."""
+    if kind == "raster":
+        file = archive({0: png((255, 0, 0))}, zooms=(0, 0))
+    else:
+        metadata = {"attribution": "© Us", "vector_layers": [{"id": "land"}]}
+        file = archive(
+            {0: vector_tile("land")}, zooms=(0, 0), kind=VECTOR_TILES, packed=True, metadata=metadata
+        )
+    source = ArchiveServer(file)
+    try:
+        with open_page(browser, station.url, theme="light", scene=False) as page:
+            open_large_map(page)
+            before = mean_colour(page)
+
+            def is_drawn() -> bool:
+                return math.dist(mean_colour(page), before) > (60 if kind == "raster" else 4)
+
+            page.get_by_role("button", name="Choose map").click()
+            panel = page.get_by_role("region", name="Map source")
+            panel.get_by_role("button", name="Add a source").click()
+            panel.get_by_label("Name").fill(f"World {kind}")
+            panel.get_by_label("Address of a tile").fill(source.url)
+            panel.get_by_label("allow saving").check()
+            panel.get_by_role("button", name="Add and show").click()
+            expect(panel).to_contain_text("and so tells it which area is viewed")
+            expect(page.get_by_role("toolbar", name="Map")).to_contain_text("© Us")
+            wait_until(is_drawn, "the tiles of the archive")
+            assert source.asked
+            if PICTURES:
+                page.screenshot(path=Path(PICTURES) / f"pmtiles-{kind}.png")
+            if kind == "vector":
+                panel.get_by_role("button", name="How large?").click()
+                panel.get_by_role("button", name="Save", exact=True).click()
+                expect(panel.get_by_role("alert")).to_contain_text("vector tiles")
+            source.close()
+            page.reload()
+            open_large_map(page)
+            wait_until(is_drawn, "its kept tiles")
     finally:
         source.close()
