@@ -85,12 +85,7 @@ export class ScenePainter {
     const opacity = this.palette.dark ? 0.1 : 0.13;
     for (const { areas } of contents)
       for (const { ring, tone } of areas)
-        this.fillArea(
-          view,
-          ring.map((at) => view.enuOf(at)),
-          this.colour(tone),
-          opacity,
-        );
+        this.fillArea(view, view.onGround([...ring, ...ring.slice(0, 1)].map((at) => view.enuOf(at))), this.colour(tone), opacity);
     for (const face of facesOf(
       view,
       contents.flatMap(({ solids }) => solids ?? []),
@@ -167,7 +162,8 @@ export class ScenePainter {
   }
 
   private drawLine(view: SceneView, { positions, tone, style, faded }: LayerLine): void {
-    if (!this.beginLine(view, positions)) return;
+    const isOnGround = positions.every((at) => at.alt_amsl_m === undefined);
+    if (!this.beginLine(view, positions, isOnGround)) return;
     const { palette } = this;
     const width = this.inset ? 1.6 : palette.stroke;
     // A band in the colour of the ground separates the path from the grid and from other lines.

@@ -6,8 +6,8 @@ import type { SceneView, Vector } from './scene-view';
 export interface Face {
   /** Corners in the world's ENU [m]. */
   readonly ring: readonly Vector[];
-  /** Edges to draw. A round solid, such as a mast, has vertical edges only where a visible side meets a hidden side. */
-  readonly edges: readonly (readonly [Vector, Vector])[];
+  /** Lines to draw. A round solid, such as a mast, has vertical edges only where a visible side meets a hidden side. */
+  readonly edges: readonly (readonly Vector[])[];
   readonly tone: Tone;
   /** Whether the outer side faces the camera. */
   readonly facesCamera: boolean;
@@ -27,32 +27,34 @@ const [SIDE_SHADE, SIDE_CONTRAST] = [0.16, 0.14];
 export function facesOf(view: SceneView, solids: readonly LayerSolid[]): Face[] {
   return solids
     .map((solid) => ({ solid, base: solid.ring.map((at) => view.enuOf({ lat_deg: at.lat_deg, lon_deg: at.lon_deg })), top_m: view.upOf(solid.top_amsl_m) }))
-    .filter(({ base, top_m }) => base.length > 2 && top_m - view.ground_m >= MIN_HEIGHT_M)
+    .filter(({ base, top_m }) => base.length > 2 && base.some(([, , up_m]) => top_m - up_m >= MIN_HEIGHT_M))
     .map((solid) => ({ ...solid, distance_m: Math.min(...solid.base.map((at) => Math.hypot(at[0] - view.eye[0], at[1] - view.eye[1]))) }))
     .sort((a, b) => b.distance_m - a.distance_m)
-    .flatMap(({ solid, base, top_m }) => solidFaces(base, top_m, solid.tone, view.eye));
+    .flatMap(({ solid, base, top_m }) => solidFaces(view, base, top_m, solid.tone));
 }
 
-function solidFaces(base: readonly Vector[], top_m: number, tone: Tone, eye: Vector): Face[] {
+/** @param base the corners on the ground, which the lower edges of the sides follow; nothing is drawn of what the ground covers. */
+function solidFaces(view: SceneView, base: readonly Vector[], top_m: number, tone: Tone): Face[] {
+  const { eye } = view;
   const orientation = Math.sign(doubleArea(base));
   const topRing = base.map(([east, north]): Vector => [east, north, top_m]);
   const sideShapes = base.map((a, i) => {
     const next = (i + 1) % base.length;
     const [b, c, d] = [base[next] ?? a, topRing[next] ?? a, topRing[i] ?? a];
+    const foot = view.onGround([a, b]).map(([x, y, up_m]): Vector => [x, y, Math.min(up_m, top_m)]);
     // Horizontal direction out of the solid.
     const [east, north] = [orientation * (b[1] - a[1]), -orientation * (b[0] - a[0])];
     const length = Math.hypot(east, north) || 1;
     const facesCamera = east * (eye[0] - a[0]) + north * (eye[1] - a[1]) > 0;
-    return { ring: [a, b, c, d] as const, normal: [east / length, north / length] as const, facesCamera };
+    return { foot, top: [c, d] as const, normal: [east / length, north / length] as const, facesCamera };
   });
-  const sides = sideShapes.map(({ ring, normal, facesCamera }, i): Face => {
-    const [a, b, c, d] = ring;
+  const sides = sideShapes.map(({ foot, top: [c, d], normal, facesCamera }, i): Face => {
     const hasEdge = (other: (typeof sideShapes)[number] | undefined): boolean =>
       other === undefined || other.facesCamera !== facesCamera || normal[0] * other.normal[0] + normal[1] * other.normal[1] < ROUND_COS;
-    const edges = [[a, b] as const, [c, d] as const];
-    if (hasEdge(sideShapes[(i + sideShapes.length - 1) % sideShapes.length])) edges.push([d, a]);
-    if (hasEdge(sideShapes[(i + 1) % sideShapes.length])) edges.push([b, c]);
-    return { ring, edges, tone, facesCamera, shade: SIDE_SHADE + (SIDE_CONTRAST * (1 + (normal[0] + normal[1]) / Math.SQRT2)) / 2 };
+    const edges: (readonly Vector[])[] = [foot, [c, d]];
+    if (hasEdge(sideShapes[(i + sideShapes.length - 1) % sideShapes.length])) edges.push([d, foot[0] ?? d]);
+    if (hasEdge(sideShapes[(i + 1) % sideShapes.length])) edges.push([foot.at(-1) ?? c, c]);
+    return { ring: [...foot, c, d], edges, tone, facesCamera, shade: SIDE_SHADE + (SIDE_CONTRAST * (1 + (normal[0] + normal[1]) / Math.SQRT2)) / 2 };
   });
   const top: Face = { ring: topRing, edges: [], tone, facesCamera: eye[2] > top_m, shade: TOP_SHADE };
   return [...sides, top].sort((a, b) => Number(a.facesCamera) - Number(b.facesCamera));

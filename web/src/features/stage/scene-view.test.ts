@@ -190,7 +190,7 @@ describe('the drawing', () => {
     expect(faces.slice(5).flatMap(({ edges, facesCamera }) => (facesCamera ? edges : []))).toHaveLength(4);
     const circle = Array.from({ length: 24 }, (_, i) => at(5 * Math.cos((i * Math.PI) / 12), 5 * Math.sin((i * Math.PI) / 12)));
     const uprightEdges = facesOf(viewFrom([0, -60, 40], 0.5), [{ ring: circle, top_amsl_m: 500, tone: 'danger' }]).flatMap(({ edges, facesCamera }) =>
-      facesCamera ? edges.filter(([a, b]) => a[2] !== b[2]) : [],
+      facesCamera ? edges.filter(([a, b]) => a?.[2] !== b?.[2]) : [],
     );
     expect(uprightEdges).toHaveLength(2);
     const clockwise = { ...box(0, 12), ring: box(0, 12).ring.reverse() };
@@ -248,6 +248,20 @@ describe('on hills', () => {
     expect(line.length).toBeGreaterThan(7);
     expect(line.at(-1)?.[2]).toBeCloseTo(20, 1);
     expect(Math.max(...line.filter(([, north]) => north < 0).map(([, , up]) => up))).toBe(0);
+  });
+
+  it('stands obstacles on the ground, whatever the height of home, up to their true top', () => {
+    const box = (top_m: number) => ({ ring: [at(-5, -20), at(5, -20), at(5, 60), at(-5, 60)], top_amsl_m: 480 + top_m, tone: 'danger' as const });
+    const faces = facesOf(view, [box(40)]);
+    const side = faces.find(({ ring }) => ring.length > 8 && ring.every(([east]) => Math.abs(east - 5) < 0.1));
+    const foot = (side?.ring ?? []).filter(([, , up_m]) => Math.abs(up_m - 40) > 0.1);
+    for (const [, north_m, up_m] of foot) expect(up_m).toBeCloseTo(Math.max(0, north_m) / 2, 1);
+    expect(foot.length).toBeGreaterThan(7);
+    expect(side?.edges[0]).toHaveLength(foot.length);
+    const cut = facesOf(view, [box(20)]).flatMap(({ ring }) => ring.map(([, , up_m]) => up_m));
+    expect(Math.max(...cut)).toBeCloseTo(20);
+    expect(facesOf(view, [{ ...box(12), ring: box(12).ring.map((corner) => ({ ...corner, ...positionAt(corner, { east_m: 0, north_m: 60 }) })) }])).toEqual([]);
+    expect(facesOf(view, [box(-1)])).toEqual([]);
   });
 
   it('finds the place on the slope at a pixel, not behind it', () => {
