@@ -32,9 +32,10 @@ AREAS: tuple[tuple[str, re.Pattern[str]], ...] = (
 """Catalog by path; a sentence that several have is in the first."""
 SILENT_FILES = re.compile(
     r"/(client|examples|generated_\w+|reference|sign_in|scene)/|/(cli|__main__|key_command|doctor|schema|sign_in_page|described|settings|"
-    r"generated_dialect|palette|shapes|encodings|http_protocol|parser)\.py$"
+    r"generated_dialect|palette|shapes|encodings|http_protocol|parser)\.py$|"
+    r"/exports/(foxglove|json_messages|sink|tracks)\.py$"
 )
-"""Command lines, the Python client, descriptions of the API: nothing of them is shown on the page."""
+"""Command lines, the Python client, descriptions of the API, files for others: the page shows none."""
 SILENT_CALLS = re.compile(
     r"Field|Query|Path|Body|Header|compile|add_argument|debug|info|warning|exception|"
     r"critical|log|startswith|endswith|split|rsplit|removeprefix|"

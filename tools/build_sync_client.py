@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
-MODULES = ("aio", "control", "manual_control", "mission", "offboard", "params", "plans", "vehicle")
+MODULES = ("aio", "control", "flights", "manual_control", "mission", "offboard", "params", "plans", "vehicle")
 TARGET = CLIENT / "blocking.py"
 CLASSES = (
-    "Control", "DryRuns", "Gcs", "Gimbal", "Group", "LiveOffboard", "Mission", "MissionModes", "Offboard",
-    "OffboardMission", "Operations", "Params", "Plans", "Sticks", "Vehicle",
+    "Control", "DryRuns", "Flights", "Gcs", "Gimbal", "Group", "LiveOffboard", "Mission", "MissionModes",
+    "Offboard", "OffboardMission", "Operations", "Params", "Plans", "Sticks", "Vehicle",
 )  # fmt: skip
 ROOT = "Gcs"
 """The class that programs instantiate; it owns the thread of the event loop."""
@@ -35,13 +35,15 @@ Each call runs the asynchronous call in an event loop on a separate thread, and 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio, control, manual_control, mission, offboard, params, plans, vehicle
+from gcs_server.client import aio, control, flights, manual_control, mission, offboard, params, plans, vehicle
 from gcs_server.client.aio import Setpoints
 from gcs_server.client.control import OnControlLost
 from gcs_server.client.manual_control import MIDDLE

@@ -380,6 +380,34 @@ class FlightSeries(ResponseBody):
     """In the order of the request."""
 
 
+class TableColumn(ResponseBody):
+    """A column of a table."""
+
+    name: str
+    """Name of the field."""
+    unit: str | None
+    """Unit; null: not known."""
+    type: str
+    """Type of the values, as NumPy names it."""
+
+
+class FlightTable(ResponseBody):
+    """Some rows of a topic."""
+
+    topic: str
+    """Id of the topic."""
+    samples: int
+    """Number of all its rows."""
+    from_row: int
+    """Number of the first row of `rows`; the topic's first is 0."""
+    columns: list[TableColumn]
+    """The fields."""
+    t_s: list[float]
+    """Time of each row [s since the log's start]."""
+    rows: list[list[float | int | str | bool | None]]
+    """Values of each row; null: not a number, or infinite."""
+
+
 class LogFinding(ResponseBody):
     """One thing that a log shows."""
 

@@ -14,6 +14,7 @@ from gcs_server.client.aio import Gcs, Group, Vehicle
 from gcs_server.client.blocking import (
     SyncControl,
     SyncDryRuns,
+    SyncFlights,
     SyncGcs,
     SyncGimbal,
     SyncGroup,
@@ -40,6 +41,7 @@ from gcs_server.client.errors import (
     Unknown,
     Unreachable,
 )
+from gcs_server.client.flights import Flights
 from gcs_server.client.manual_control import Sticks
 from gcs_server.client.mission import Mission, MissionModes, OffboardMission
 from gcs_server.client.offboard import LiveOffboard, Offboard
@@ -51,6 +53,7 @@ __all__ = [
     "ApiError",
     "Control",
     "DryRuns",
+    "Flights",
     "Gcs",
     "Gimbal",
     "Group",
@@ -70,6 +73,7 @@ __all__ = [
     "Sticks",
     "SyncControl",
     "SyncDryRuns",
+    "SyncFlights",
     "SyncGcs",
     "SyncGimbal",
     "SyncGroup",

@@ -9,6 +9,7 @@ import json
 import os
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit, urlunsplit
 from uuid import uuid4
@@ -18,6 +19,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import InvalidStatus
 
 from gcs_server.client.errors import Unreachable, raise_for
+from gcs_server.client.flights import Flights
 from gcs_server.client.mission import start_body
 from gcs_server.client.plans import DryRuns, Operations, Plan, Plans
 from gcs_server.client.setpoints import Body, ExpiryAction, validity_fields
@@ -157,6 +159,28 @@ class Gcs:
         raise_for(response)
         return response.content
 
+    async def download(self, path: str, file: Path) -> int:
+        """Writes the answer of a GET below `/api/v1` to a file, which appears when it is complete; returns
+        its size [bytes]. Raises the same errors as `request`, and OSError."""
+        part = file.with_name(f".{file.name}.part")
+        try:
+            async with self._http.stream("GET", path) as response:
+                if response.is_error:
+                    await response.aread()
+                    raise_for(response)
+                size = 0
+                with part.open("wb") as target:
+                    async for piece in response.aiter_bytes():
+                        size += target.write(piece)
+            part.replace(file)
+            return size
+        except httpx.TransportError as error:
+            raise Unreachable(
+                f"The answer of {self.url} is not complete: {error or type(error).__name__}."
+            ) from error
+        finally:
+            part.unlink(missing_ok=True)
+
     async def vehicles(self) -> list[Vehicle]:
         """All vehicles that the server knows."""
         return [Vehicle(self, entry["id"]) for entry in await self.request("GET", "/vehicles")]
@@ -180,6 +204,10 @@ class Gcs:
     def operations(self) -> Operations:
         """Operations (long-running work of the server): list them, wait for their end, cancel them."""
         return Operations(self)
+
+    def flights(self) -> Flights:
+        """The recordings and logs of flights on the server."""
+        return Flights(self)
 
     def plans(self) -> Plans:
         """The plans stored on the server."""

@@ -427,6 +427,8 @@ ALL: tuple[Command, ...] = (
         "GET /flights/{f}/file",
         "GET /flights/{f}/series",
         "GET /flights/{f}/findings",
+        "GET /flights/{f}/table",
+        "GET /flights/{f}/export",
     ),
     _view(
         "maps",

@@ -113,6 +113,10 @@ class Columns:
         places = self._places(topic)
         return self._read(places.times, places.samples).astype(np.float64, copy=False)
 
+    def fields(self, topic: str) -> list[str]:
+        """Names of a topic's fields. Raises UnknownField."""
+        return list(self._places(topic).fields)
+
     def column(self, topic: str, field: str) -> tuple[Column, str | None]:
         """A field's values and unit. Raises UnknownField."""
         places = self._places(topic)

@@ -83,6 +83,11 @@ def is_expression(text: str) -> bool:
     return "{" in text
 
 
+def used_fields(text: str) -> list[str]:
+    """The fields that an expression names."""
+    return _FIELD.findall(text)
+
+
 def evaluate(text: str, read: Read) -> tuple[Times, Values, str | None]:
     """Times, values and unit of an expression.
 

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import AsyncGenerator, Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -174,6 +174,26 @@ class Logbook:
             UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
         """
         return await self._work.findings(await self._read_folder(file_id))
+
+    async def table(
+        self, file_id: str, topic: str, from_row: int | None, at_s: float | None, count: int
+    ) -> bytes:
+        """Rows of a topic from a row or a time on, as JSON.
+
+        Raises:
+            UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
+            InvalidRequest: the log has no such topic.
+        """
+        return await self._work.table(await self._read_folder(file_id), topic, from_row, at_s, count)
+
+    async def export(self, file_id: str, request: Mapping[str, Any]) -> AsyncGenerator[bytes]:
+        """The pieces of a log's export (`exports.export.Request`); see `LogWork.export`.
+
+        Raises:
+            UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
+        """
+        folder = await self._read_folder(file_id)
+        return self._work.export(folder, (await self.get(file_id)).path.name, request)
 
     async def rerun(self, file_id: str, from_s: float, to_s: float, change: Mapping[str, Any]) -> bytes:
         """A part of a flight flown again in simulation, as it was and with a change, as JSON.

@@ -63,10 +63,7 @@ def series(
 def _one(
     columns: Columns, field: str, from_s: float | None, to_s: float | None, points: int
 ) -> dict[str, Any]:
-    if is_expression(field):
-        times_s, values, unit = evaluate(field, lambda name: _values(columns, name, from_s, to_s))
-    else:
-        times_s, values, unit = _values(columns, field, from_s, to_s)
+    times_s, values, unit = values_of(columns, field, from_s, to_s)
     kept = thinned(values, points)
     shown = values[kept]
     finite = np.isfinite(shown)
@@ -77,6 +74,15 @@ def _one(
         "t_s": np.round(times_s[kept], 6).tolist(),
         "values": [value if ok else None for value, ok in zip(shown.tolist(), finite.tolist(), strict=True)],
     }
+
+
+def values_of(
+    columns: Columns, field: str, from_s: float | None, to_s: float | None
+) -> tuple[Times, Values, str | None]:
+    """Times, values and unit of a field or expression in a window (`window`). Raises UnknownField."""
+    if is_expression(field):
+        return evaluate(field, lambda name: _values(columns, name, from_s, to_s))
+    return _values(columns, field, from_s, to_s)
 
 
 def _values(

@@ -10,7 +10,10 @@ from typing import Any
 import msgspec
 
 from gcs_server.logbook.names import ULOG, suffix_of
+from gcs_server.operations.fork_server import Send, Stream, extend_limits
 
+EXPORT_CPU_S, EXPORT_TIMEOUT_S = 900, 3600
+"""Limits of an export: a ULog of 100 MB needs a minute for MCAP, and all are as slow as their readers [s]."""
 Fault = tuple[str, str]
 """What is wrong: `log` (the file) or a field of the request, and the text."""
 
@@ -62,31 +65,76 @@ def findings(folder: str) -> bytes:
     return table.encode(columns.load(Path(folder)))
 
 
-TASKS: dict[str, Callable[..., bytes]] = {"read": read, "plot": plot, "findings": findings, "rerun": rerun}
+def table(folder: str, topic: str, from_row: int | None, at_s: float | None, count: int) -> bytes:
+    """Rows of a topic as JSON. Raises `exports.sink.BadExport`, OSError."""
+    from gcs_server.logbook import columns
+    from gcs_server.logbook.exports import rows
+
+    return msgspec.json.encode(rows.page(columns.Columns(Path(folder)), topic, from_row, at_s, count))
 
 
-def answer_request(request: bytes) -> bytes:
-    """Runs the task of a request (name and arguments as msgpack); the answer is (fault, body) as msgpack."""
+def export(folder: str, name: str, request: dict[str, Any]) -> Stream:
+    """Writes a log, or a part of it, for other programs.
+
+    Args:
+        folder: the folder of its columns.
+        name: the log's name, for the file's title.
+        request: `format`, `topics`, `fields`, `rate_hz`, `from_s`, `to_s`.
+
+    Raises `exports.sink.BadExport`, `columns.UnknownField`, OSError.
+    """
+    from gcs_server.logbook.exports import export as exports
+
+    write = exports.prepared(Path(folder), name, exports.Request(**request))
+
+    def stream(send: Send) -> None:
+        extend_limits(cpu_time_s=EXPORT_CPU_S, timeout_s=EXPORT_TIMEOUT_S)
+        write(send)
+
+    return stream
+
+
+TASKS: dict[str, Callable[..., bytes | Stream]] = {
+    "read": read,
+    "plot": plot,
+    "findings": findings,
+    "rerun": rerun,
+    "table": table,
+    "export": export,
+}
+
+
+def answer_request(request: bytes) -> bytes | Stream:
+    """Runs the task of a request (name and arguments as msgpack); the answer is (fault, body) as msgpack.
+    That of a task whose body is a stream is the stream's first piece."""
     from gcs_server.logbook.columns import UnknownField
+    from gcs_server.logbook.exports.sink import BadExport
     from gcs_server.logbook.log import UnreadableLog
     from missions.what_if.flight import NotFlyable
 
     name, arguments = msgspec.msgpack.decode(request, type=tuple[str, dict[str, Any]])
     fault: Fault | None = None
-    body = b""
+    body: bytes | Stream = b""
     try:
         body = TASKS[name](**arguments)
     except UnreadableLog as error:
         fault = ("log", str(error))
     except UnknownField as error:
         fault = ("field", f"{str(error)[:1].upper()}{str(error)[1:]}.")
-    except NotFlyable as error:
+    except (NotFlyable, BadExport) as error:
         fault = (error.field, str(error))
     except MemoryError:
         fault = ("log", "Reading it took more memory than allowed.")
     except OSError as error:
         fault = ("log", f"The server cannot read or write its files: {error.strerror or error}.")
-    return msgspec.msgpack.encode((fault, body))
+    if isinstance(body, bytes):
+        return msgspec.msgpack.encode((fault, body))
+
+    def stream(send: Send) -> None:
+        send(msgspec.msgpack.encode((None, b"")))
+        body(send)
+
+    return stream
 
 
 def answer_from_bytes(data: bytes) -> tuple[Fault | None, bytes]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,12 @@ READS = TurnLimits(running=2, running_without_control=1, per_client=4, total=16)
 RERUNS = TurnLimits(running=1, running_without_control=1, per_client=2, total=8)
 PLOTS = TurnLimits(running=2, running_without_control=2, per_client=8, total=32)
 """Plots have turns of their own, so that they do not wait for the reading of another log."""
+EXPORTS = TurnLimits(running=3, running_without_control=2, per_client=2, total=12)
+"""An export takes as long as its reader does."""
 REMEDIES = {
+    "topic": "Take a topic of the overview.",
+    "format": "Take another format, or another part of the flight.",
+    "rate_hz": "Take a lower rate, or a part of the flight.",
     "field": "Take a field of the overview.",
     "from_s": "Take another part of the flight.",
     "parameters": "Change another parameter, or give it another value.",
@@ -41,6 +47,7 @@ class LogWork:
         self._reads = Turns(in_control, READS)
         self._plots = Turns(in_control, PLOTS)
         self._reruns = Turns(in_control, RERUNS)
+        self._exports = Turns(in_control, EXPORTS)
 
     async def read(self, path: Path, folder: Path) -> bytes:
         """Reads a log into a folder of columns; returns its overview as JSON.
@@ -94,6 +101,46 @@ class LogWork:
         async with self._plots.turn():
             return await self._run("findings", {"folder": str(folder)})
 
+    async def table(
+        self, folder: Path, topic: str, from_row: int | None, at_s: float | None, count: int
+    ) -> bytes:
+        """Rows of a topic, as JSON.
+
+        Raises:
+            InvalidRequest: the log has no such topic.
+            LogUnusable: the columns cannot be read.
+            ClientHasTooMany, ServerBusy: too many plots are being read or wait.
+        """
+        arguments = {
+            "folder": str(folder),
+            "topic": topic,
+            "from_row": from_row,
+            "at_s": at_s,
+            "count": count,
+        }
+        async with self._plots.turn():
+            return await self._run("table", arguments)
+
+    async def export(self, folder: Path, name: str, request: Mapping[str, Any]) -> AsyncGenerator[bytes]:
+        """The pieces of a log's export (`exports.export.Request`). The first is empty: what it raises is
+        known before anything is written. Closing it ends the process.
+
+        Raises:
+            InvalidRequest: the log has not what is asked for.
+            LogUnusable: the columns cannot be read, or (later) a limit was exceeded.
+            ClientHasTooMany, ServerBusy: too many exports are being written or wait.
+        """
+        message = msgspec.msgpack.encode(
+            ("export", {"folder": str(folder), "name": name, "request": dict(request)})
+        )
+        async with self._exports.turn(), contextlib.aclosing(self._processes.stream(message)) as pieces:
+            try:
+                yield _body(tasks.answer_from_bytes(await anext(pieces)))
+                async for piece in pieces:
+                    yield piece
+            except (WorkerFailed, msgspec.DecodeError, StopAsyncIteration) as error:
+                raise _too_much() from error
+
     def close(self) -> None:
         """Ends the fork server."""
         self._processes.close()
@@ -101,15 +148,25 @@ class LogWork:
     async def _run(self, task: str, arguments: dict[str, Any]) -> bytes:
         request = msgspec.msgpack.encode((task, arguments))
         try:
-            fault, body = tasks.answer_from_bytes(await self._processes.run(request))
+            answer = tasks.answer_from_bytes(await self._processes.run(request))
         except (WorkerFailed, msgspec.DecodeError, MemoryError) as error:
-            raise LogUnusable(
-                "Reading the log took more memory or time than allowed, or failed.",
-                remedy="Other logs are not affected. Log fewer topics, or shorter flights.",
-            ) from error
-        if fault is None:
-            return body
-        kind, text = fault
-        if kind == "log":
-            raise LogUnusable(text, remedy="Other logs are not affected.")
-        raise InvalidRequest(kind, text, remedy=REMEDIES[kind])
+            raise _too_much() from error
+        return _body(answer)
+
+
+def _too_much() -> LogUnusable:
+    return LogUnusable(
+        "Reading the log took more memory or time than allowed, or failed.",
+        remedy="Other logs are not affected. Log fewer topics, or shorter flights.",
+    )
+
+
+def _body(answer: tuple[tasks.Fault | None, bytes]) -> bytes:
+    """The body of an answer without a fault. Raises InvalidRequest, LogUnusable."""
+    fault, body = answer
+    if fault is None:
+        return body
+    kind, text = fault
+    if kind == "log":
+        raise LogUnusable(text, remedy="Other logs are not affected.")
+    raise InvalidRequest(kind, text, remedy=REMEDIES[kind])

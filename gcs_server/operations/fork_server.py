@@ -18,7 +18,7 @@ import socket
 import struct
 import subprocess
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
 from dataclasses import dataclass
 
 from gcs_server.operations.process import NICENESS, WorkerFailed
@@ -27,6 +27,12 @@ _LENGTH = struct.Struct("!Q")
 _PID = struct.Struct("!i")
 _CHUNK_BYTES = 1 << 18
 CLOSE_TIMEOUT_S = 2.0
+MAX_CPU_TIME_S = 1200
+"""Limit of CPU time of a task that has more to do than others (`extend_limits`) [s]."""
+Send = Callable[[bytes], None]
+"""Sends a piece of a stream; blocks while the server reads nothing."""
+Stream = Callable[[Send], None]
+"""Sends a result in pieces, so that neither side ever has it whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,18 +69,43 @@ class ForkServer:
             WorkerFailed: the process ended without a result, for example because it exceeded a limit, or the
                 result is too large.
         """
+        async with self._task(request) as reader:
+            result = await self._result(reader)
+        if not result:
+            raise WorkerFailed("its process ended without a result.")
+        return result
+
+    async def stream(self, request: bytes) -> AsyncGenerator[bytes]:
+        """Runs one task whose result is a stream, and gives its pieces; if it is closed, the task's process
+        is killed. A task without a stream gives one piece.
+
+        Raises:
+            WorkerFailed: the process ended before the end of its stream, for example because it exceeded a
+                limit.
+        """
+        async with self._task(request, stream=True) as reader:
+            while (size := _LENGTH.unpack(await reader.readexactly(_LENGTH.size))[0]) > 0:
+                if size > self._max_result_bytes:
+                    raise WorkerFailed(f"a piece is larger than {self._max_result_bytes:,} bytes.")
+                yield await reader.readexactly(size)
+
+    @contextlib.asynccontextmanager
+    async def _task(self, request: bytes, *, stream: bool = False) -> AsyncGenerator[asyncio.StreamReader]:
+        """The connection to a task's process, which is killed unless the block is left without an error."""
         reader, writer = await asyncio.open_unix_connection(sock=self._new_task())
         pid: int | None = None
         try:
             with contextlib.suppress(ConnectionError):  # the process has ended; there is no result
-                writer.write(_LENGTH.pack(len(request)))
+                writer.write(_LENGTH.pack(len(request)) + bytes([stream]))
                 writer.write(request)
                 (pid,) = _PID.unpack(await reader.readexactly(_PID.size))
-            result = await self._result(reader)
+            yield reader
             pid = None
         except asyncio.IncompleteReadError as error:
+            if pid is None:
+                raise WorkerFailed("its process could not be started.") from error
             pid = None
-            raise WorkerFailed("its process could not be started.") from error
+            raise WorkerFailed("its process ended before its result was complete.") from error
         except ConnectionError as error:
             pid = None
             raise WorkerFailed("its process has ended.") from error
@@ -83,9 +114,6 @@ class ForkServer:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
             writer.close()
-        if not result:
-            raise WorkerFailed("its process ended without a result.")
-        return result
 
     def close(self) -> None:
         """Ends the fork server; the processes of running tasks end when their callers do."""
@@ -143,7 +171,7 @@ class ForkServer:
 # --- in the fork server -------------------------------------------------------------------------------
 
 
-def serve_tasks(control_fd: int, work: Callable[[bytes], bytes], limits: TaskLimits) -> None:
+def serve_tasks(control_fd: int, work: Callable[[bytes], bytes | Stream], limits: TaskLimits) -> None:
     """Forks a process for each task until the server closes the control socket.
 
     Args:
@@ -165,21 +193,48 @@ def serve_tasks(control_fd: int, work: Callable[[bytes], bytes], limits: TaskLim
             os.close(fds[0])
 
 
-def _run_task(connection: socket.socket, work: Callable[[bytes], bytes], limits: TaskLimits) -> None:
+def _run_task(connection: socket.socket, work: Callable[[bytes], bytes | Stream], limits: TaskLimits) -> None:
     """Executes the task in the forked process, and ends the process."""
     try:
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         resource.setrlimit(resource.RLIMIT_AS, (limits.memory_bytes, limits.memory_bytes))
-        resource.setrlimit(resource.RLIMIT_CPU, (limits.cpu_time_s, limits.cpu_time_s))
+        resource.setrlimit(resource.RLIMIT_CPU, (limits.cpu_time_s, MAX_CPU_TIME_S))
         signal.alarm(limits.timeout_s)
         connection.sendall(_PID.pack(os.getpid()))
         with connection.makefile("rb") as file:
             (length,) = _LENGTH.unpack(file.read(_LENGTH.size))
+            (is_stream,) = file.read(1)
             request = file.read(length)
         threading.Thread(target=_exit_with_server, args=(connection,), daemon=True).start()
-        connection.sendall(work(request))
+        _send_result(connection, work(request), in_pieces=bool(is_stream))
     finally:
         os._exit(0)
+
+
+def extend_limits(*, cpu_time_s: int, timeout_s: int) -> None:
+    """Gives the task of this process more time, counted from now.
+
+    Args:
+        cpu_time_s: limit of CPU time, at most `MAX_CPU_TIME_S`.
+        timeout_s: limit of the total time.
+    """
+    signal.alarm(timeout_s)
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_time_s, MAX_CPU_TIME_S))
+
+
+def _send_result(connection: socket.socket, result: bytes | Stream, *, in_pieces: bool) -> None:
+    def send(piece: bytes) -> None:
+        connection.sendall(_LENGTH.pack(len(piece)))
+        connection.sendall(piece)
+
+    if isinstance(result, bytes):
+        if not in_pieces:
+            connection.sendall(result)
+            return
+        send(result)
+    else:
+        result(send)
+    connection.sendall(_LENGTH.pack(0))
 
 
 def _exit_with_server(connection: socket.socket) -> None:

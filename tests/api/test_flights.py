@@ -103,6 +103,36 @@ def test_an_added_log_is_received_in_parts_plotted_and_deleted(client, data):
     assert "my flight" not in str(entries)
 
 
+def test_a_log_is_shown_as_a_table_and_written_for_other_programs(client):
+    flight_id = add(client, 'x";y=$(rm) ü.ulg', ulog(steps=300))
+    url = f"{API}/flights/{flight_id}"
+    table = client.get(f"{url}/table", params={"topic": "all_types:0", "at_s": 2.0, "rows": 5}).json()
+    assert (table["t_s"][0], len(table["rows"]), table["samples"]) == (2.0, 5, 300)
+    csv = client.get(f"{url}/export", params={"format": "csv", "topic": "all_types:0"})
+    assert csv.headers["content-type"].startswith("text/csv")
+    assert csv.headers["content-disposition"] == 'attachment; filename="x_y__rm-all_types_0.csv"'
+    assert len(csv.text.splitlines()) == 301
+    mcap = client.get(f"{url}/export", params={"format": "mcap"})
+    assert mcap.content[:5] == mcap.content[-8:-3] == b"\x89MCAP"
+    fields = {
+        "format": "csv",
+        "field": ["all_types:0/float_value", "vehicle_status:0/nav_state"],
+        "rate_hz": 1,
+    }
+    assert client.get(f"{url}/export", params=fields).status_code == 200
+    for params, field in (
+        ({"format": "csv", "topic": "none:0"}, "topic"),
+        ({"format": "csv", "field": "all_types:0/none"}, "field"),
+        ({"format": "csv"}, "topic"),
+        ({"format": "geojson"}, "format"),
+        ({"format": "xls"}, "format"),
+        ({"format": "csv", "field": "all_types:0/float_value", "rate_hz": 0}, "rate_hz"),
+    ):
+        refused = client.get(f"{url}/export", params=params)
+        assert (refused.status_code, refused.json()["field"]) == (422, field), refused.text
+    assert delete(client, flight_id).status_code == 204
+
+
 def test_a_log_says_what_it_means_also_before_it_was_read(client):
     flight_id = add(client, "meaning.ulg", ulog(steps=200))
     answer = client.get(f"{API}/flights/{flight_id}/findings")
@@ -207,7 +237,7 @@ def test_a_log_that_cannot_be_flown_again_says_why(client):
 
 @pytest.mark.parametrize("flight_id", ["nothing", "..%2F..%2Fsecret", "%00", "a" * 300, "uploads"])
 def test_an_unknown_id_is_not_found(client, flight_id):
-    for call in ("", "/file", "/series?field=a:0/b"):
+    for call in ("", "/file", "/series?field=a:0/b", "/table?topic=a:0", "/export?format=kml"):
         assert client.get(f"{API}/flights/{flight_id}{call}").status_code == 404
 
 

@@ -1103,6 +1103,53 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/flights/{f}/table": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Flight Table
+         * @description Values of a topic as they were logged, some rows at a time; of a topic with very many fields fewer rows
+         *     than asked for.
+         */
+        readonly get: operations["flight_table_api_v1_flights__f__table_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/flights/{f}/export": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Flight Export
+         * @description A log, or a part of it, for other programs, written while it is sent.
+         *
+         *     `csv` and `parquet`: the rows of one topic, or fields of any topics at common times, each with its newest
+         *     value, so that none is invented. `geojson` and `kml`: the flown path of each vehicle, with its times and
+         *     altitudes above mean sea level (AMSL). `mcap`: all topics as JSON with their schemas, track, pose and
+         *     messages as Foxglove draws them. A file that could not be completed ends without the end of its
+         *     transfer.
+         */
+        readonly get: operations["flight_export_api_v1_flights__f__export_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/flights": {
         readonly parameters: {
             readonly query?: never;
@@ -6696,6 +6743,42 @@ export interface components {
              * @description In the order of the request.
              */
             readonly series: readonly components["schemas"]["LogSeries"][];
+        };
+        /**
+         * FlightTable
+         * @description Some rows of a topic.
+         */
+        readonly FlightTable: {
+            /**
+             * Topic
+             * @description Id of the topic.
+             */
+            readonly topic: string;
+            /**
+             * Samples
+             * @description Number of all its rows.
+             */
+            readonly samples: number;
+            /**
+             * From Row
+             * @description Number of the first row of `rows`; the topic's first is 0.
+             */
+            readonly from_row: number;
+            /**
+             * Columns
+             * @description The fields.
+             */
+            readonly columns: readonly components["schemas"]["TableColumn"][];
+            /**
+             * T S
+             * @description Time of each row [s since the log's start].
+             */
+            readonly t_s: readonly number[];
+            /**
+             * Rows
+             * @description Values of each row; null: not a number, or infinite.
+             */
+            readonly rows: readonly (readonly (number | string | boolean | null)[])[];
         };
         /**
          * FlownMission
@@ -16438,6 +16521,27 @@ export interface components {
             readonly relative: boolean;
         };
         /**
+         * TableColumn
+         * @description A column of a table.
+         */
+        readonly TableColumn: {
+            /**
+             * Name
+             * @description Name of the field.
+             */
+            readonly name: string;
+            /**
+             * Unit
+             * @description Unit; null: not known.
+             */
+            readonly unit: string | null;
+            /**
+             * Type
+             * @description Type of the values, as NumPy names it.
+             */
+            readonly type: string;
+        };
+        /**
          * TakeControl
          * @description Options for taking control.
          * @example {
@@ -22005,6 +22109,150 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["Operation"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly flight_table_api_v1_flights__f__table_get: {
+        readonly parameters: {
+            readonly query: {
+                /** @description Id of a topic, as in the overview. */
+                readonly topic: string;
+                /** @description Number of the first row. */
+                readonly from_row?: number;
+                /** @description Begins at this time instead [s since the log's start]. */
+                readonly at_s?: number | null;
+                /** @description Maximum number of rows. */
+                readonly rows?: number;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FlightTable"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly flight_export_api_v1_flights__f__export_get: {
+        readonly parameters: {
+            readonly query: {
+                /** @description Kind of the file. */
+                readonly format: "csv" | "parquet" | "geojson" | "kml" | "mcap";
+                /** @description Id of a topic: exactly one for CSV and Parquet, unless there are fields; for MCAP repeated, or none for all. */
+                readonly topic?: readonly string[];
+                /** @description Fields or expressions as in `series`, at common times, for CSV and Parquet. */
+                readonly field?: readonly string[];
+                /** @description Rows a second of fields; without it, a row at each sample of the first field. */
+                readonly rate_hz?: number | null;
+                /** @description Begin of the window [s since the log's start]. */
+                readonly from_s?: number | null;
+                /** @description End of the window. */
+                readonly to_s?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "text/csv; charset=utf-8": unknown;
+                    readonly "application/vnd.apache.parquet": unknown;
+                    readonly "application/geo+json": unknown;
+                    readonly "application/vnd.google-earth.kml+xml": unknown;
+                    readonly "application/octet-stream": unknown;
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -2,7 +2,10 @@
 
 import asyncio
 import json
+import os
+import select
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -81,3 +84,47 @@ def test_a_log_that_needs_too_much_memory_or_time_costs_only_itself(tmp_path, mo
 
     assert run(scenario)["kind"] == "ulog"
     assert not (tmp_path / "columns-bomb").exists()
+
+
+def children(pid):
+    return [int(each) for each in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def test_an_export_is_sent_in_pieces_and_its_process_ends_with_its_reader(tmp_path):
+    (tmp_path / "a.ulg").write_bytes(ulog(steps=20_000))
+    folder = tmp_path / "columns"
+
+    async def scenario(log_work):
+        await log_work.read(tmp_path / "a.ulg", folder)
+        request = {"format": "csv", "topics": ["all_types:0"]}
+        pieces = [piece async for piece in log_work.export(folder, "a", request)]
+        assert pieces[0] == b""
+        assert b"".join(pieces).count(b"\n") == 20_001
+        with pytest.raises(InvalidRequest, match="no topic"):
+            await anext(log_work.export(folder, "a", {"format": "csv", "topics": ["none:0"]}))
+        half_read = log_work.export(folder, "a", request)
+        await anext(half_read)
+        (fork_server,) = children(os.getpid())
+        (writing,) = children(fork_server)
+        has_ended = os.pidfd_open(writing)
+        await half_read.aclose()
+        assert select.select([has_ended], [], [], 10.0)[0]
+        os.close(has_ended)
+
+    run(scenario)
+
+
+def test_an_export_whose_process_dies_ends_with_an_error(tmp_path):
+    (tmp_path / "a.ulg").write_bytes(ulog(steps=20_000))
+    folder = tmp_path / "columns"
+
+    async def scenario(log_work):
+        await log_work.read(tmp_path / "a.ulg", folder)
+        export = log_work.export(folder, "a", {"format": "csv", "topics": ["all_types:0"]})
+        assert await anext(export) == b""
+        (folder / "columns.bin").write_bytes(b"")  # the file shrinks under the process that reads it
+        with pytest.raises(LogUnusable, match="more memory"):
+            async for _ in export:
+                pass
+
+    run(scenario)

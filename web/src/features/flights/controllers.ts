@@ -6,18 +6,26 @@ import { commandGate } from '../../app/vehicle-actions.svelte';
 import { FlightLibrary, titleOf, type Row } from './library.svelte';
 import { LogView } from './log-view.svelte';
 import { WhatIf } from './what-if.svelte';
+import { Values } from './values.svelte';
 import { VehicleLogs } from './logs.svelte';
 
 export const ROOM = 'flights';
 export const library = new FlightLibrary(page.api);
 export const view = new LogView(page.api);
 export const whatIf = new WhatIf(page.api, view);
+export const values = new Values(page.api, view, (url) => {
+  const link = document.createElement('a');
+  link.href = url;
+  link.download = '';
+  link.click();
+});
 export const vehicleLogs = new VehicleLogs(commandGate);
 
 /** Opens a flight, or a file without one. */
 export function openRow(row: Row): Promise<void> {
   rooms.open(ROOM);
   whatIf.reset();
+  values.reset();
   return view.open(row.files[0]?.id ?? row.id, titleOf(row), row.flight);
 }
 
@@ -25,6 +33,7 @@ export function openRow(row: Row): Promise<void> {
 export async function openFlight(id: string, name: string): Promise<void> {
   rooms.open(ROOM);
   whatIf.reset();
+  values.reset();
   if (!(await view.read(id, name))) return;
   await library.load(); // which flights a log has is known once it was read
   if (view.id !== id) return;

@@ -1,0 +1,103 @@
+"""The flights on the server: `gcs.flights().export(flight, "flight.mcap")`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+from urllib.parse import quote, urlencode
+
+from gcs_server.client.setpoints import Body
+
+QueryValue = str | float | int | Sequence[str] | None
+
+
+class FlightsApi(Protocol):
+    """The part of `Gcs` that this module uses."""
+
+    async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
+    async def download(self, path: str, file: Path) -> int: ...
+
+
+class Flights:
+    """The recordings and logs of flights on the server; `flight` is the id of a file of `all()`."""
+
+    def __init__(self, gcs: FlightsApi) -> None:
+        self._gcs = gcs
+
+    async def all(self) -> dict[str, Any]:
+        """`flights`, joined of their files, and `files`, each the newest first."""
+        return await self._gcs.request("GET", "/flights")
+
+    async def overview(self, flight: str) -> dict[str, Any]:
+        """What a log has: `topics`, `vehicles` with their modes, `parameters`, `messages`. The first call
+        reads the log, which may take seconds: create the client with a larger `timeout_s` for large logs."""
+        return await self._gcs.request("GET", _path(flight))
+
+    async def findings(self, flight: str) -> dict[str, Any]:
+        """What a log means: `findings`, and what was `not_judged`."""
+        return await self._gcs.request("GET", _path(flight, "findings"))
+
+    async def table(
+        self, flight: str, topic: str, *, from_row: int = 0, at_s: float | None = None, rows: int = 100
+    ) -> dict[str, Any]:
+        """Some `rows` of a topic with their times `t_s` [s since the log's start] and `columns`.
+
+        Args:
+            flight: id of the file.
+            topic: id of the topic, such as `vehicle_attitude:0`.
+            from_row: number of the first row.
+            at_s: begins at this time instead.
+            rows: maximum number of rows.
+        """
+        query = _query({"topic": topic, "from_row": from_row, "at_s": at_s, "rows": rows})
+        return await self._gcs.request("GET", _path(flight, "table", query))
+
+    async def export(
+        self,
+        flight: str,
+        file: str | os.PathLike[str],
+        *,
+        format: str | None = None,
+        topics: Sequence[str] = (),
+        fields: Sequence[str] = (),
+        rate_hz: float | None = None,
+        from_s: float | None = None,
+        to_s: float | None = None,
+    ) -> int:
+        """Writes a log, or a part of it, to a file of this computer; returns its size [bytes].
+
+        Args:
+            flight: id of the file on the server.
+            file: the file; it appears when it is complete.
+            format: csv, parquet, geojson, kml or mcap; default: by the file's suffix.
+            topics: ids of topics: exactly one for csv and parquet, unless there are fields.
+            fields: fields or expressions at common times, for csv and parquet.
+            rate_hz: rows a second of fields; default: a row at each sample of the first field.
+            from_s: begin of the window [s since the log's start].
+            to_s: end of the window.
+
+        Raises:
+            Invalid: the log has not what is asked for.
+            Refused: the log cannot be read.
+            Unreachable: the file was not completed.
+        """
+        target = Path(file)
+        query = {
+            "format": format or target.suffix.removeprefix("."),
+            "topic": list(topics),
+            "field": list(fields),
+            "rate_hz": rate_hz,
+            "from_s": from_s,
+            "to_s": to_s,
+        }
+        return await self._gcs.download(_path(flight, "export", _query(query)), target)
+
+
+def _path(flight: str, part: str = "", query: str = "") -> str:
+    return f"/flights/{quote(flight, safe='')}{f'/{part}' if part else ''}{f'?{query}' if query else ''}"
+
+
+def _query(values: Mapping[str, QueryValue]) -> str:
+    return urlencode({name: value for name, value in values.items() if value is not None}, doseq=True)
