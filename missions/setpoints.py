@@ -28,6 +28,8 @@ Partial3 = tuple[float | None, float | None, float | None]
 """A vector in which each axis may be left uncontrolled."""
 UNCONTROLLED: Partial3 = (None, None, None)
 FOLLOW_MIN_DISTANCE_M = 2.0
+DEVICE_MIN_DISTANCE_M = 5.0
+"""Smallest horizontal distance to a device that is followed: somebody carries it [m]."""
 Estimate = Literal["position", "velocity", "heading", "global_position", "home"]
 """An estimate that the vehicle must have."""
 
@@ -284,6 +286,46 @@ class Follow:
     """keep: the present heading; same: the followed vehicle's heading; face: towards the followed vehicle."""
 
 
+@dataclass(frozen=True, slots=True)
+class FollowDevice:
+    """A position beside a device that reports its own position, such as a phone; each newer position is a new
+    setpoint. The offset is at least 5 m long, and the height is above home: that of such devices is too
+    inaccurate.
+    """
+
+    __pydantic_config__: ClassVar = _json(
+        type="follow_device",
+        lat_deg=47.3979,
+        lon_deg=8.5458,
+        accuracy_m=6,
+        age_s=0.4,
+        offset_ne_m=[0, -15],
+        alt_home_m=12,
+        yaw="face",
+    )
+    type: ClassVar[str] = "follow_device"
+    needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity", "global_position", "home")
+    lat_deg: Annotated[float, Interval(ge=-90, le=90)]
+    """Position of the device: degrees north, WGS 84."""
+    lon_deg: Annotated[float, Interval(ge=-180, le=180)]
+    """Degrees east, WGS 84."""
+    accuracy_m: Annotated[float, Interval(ge=0, le=100_000)]
+    """Radius within which the device is, as it reports it [m]; more than 20 m, or more than the offset, is
+    refused."""
+    offset_ne_m: tuple[
+        Annotated[float, Interval(ge=-200, le=200)], Annotated[float, Interval(ge=-200, le=200)]
+    ]
+    """Where the vehicle stays: north, east of the device [m]."""
+    alt_home_m: Annotated[float, Interval(ge=5, le=500)]
+    """Height above home [m]."""
+    age_s: Annotated[float, Interval(ge=0, le=3600)] = 0.0
+    """Age of the position when it is sent [s]; more than 3 s is refused."""
+    velocity_ne_m_s: tuple[MetresPerSecond, MetresPerSecond] | None = None
+    """Velocity of the device north, east [m/s]; its position is extrapolated with it for at most 1.5 s."""
+    yaw: Literal["keep", "face"] = "keep"
+    """keep: the present heading; face: towards the device."""
+
+
 DirectSetpoint = (
     Position
     | PositionGlobal
@@ -297,7 +339,7 @@ DirectSetpoint = (
     | Actuators
 )
 """Kinds that are sent without conversion, if the vehicle's link carries them."""
-Setpoint = DirectSetpoint | PositionBody | Path | Follow
+Setpoint = DirectSetpoint | PositionBody | Path | Follow | FollowDevice
 """Every kind."""
 KINDS: dict[str, type[Setpoint]] = {kind.type: kind for kind in get_args(Setpoint)}
 """Every kind by its `type`."""
@@ -309,7 +351,7 @@ def needs_of(setpoint: Setpoint) -> tuple[Estimate, ...]:
         return (Velocity if any(setpoint.velocity_ned_m_s) else Acceleration).needs
     if isinstance(setpoint, PositionGlobal) and setpoint.alt_home_m is not None:
         return (*setpoint.needs, "home")
-    if isinstance(setpoint, Follow) and setpoint.yaw == "keep":
+    if isinstance(setpoint, Follow | FollowDevice) and setpoint.yaw == "keep":
         return (*setpoint.needs, "heading")
     return setpoint.needs
 
@@ -341,6 +383,8 @@ def contradiction_of(setpoint: Setpoint) -> str | None:
             return "give exactly one of offset_ned_m and offset_frd_m"
         if math.hypot(*(setpoint.offset_ned_m or setpoint.offset_frd_m or ())) < FOLLOW_MIN_DISTANCE_M:
             return f"the offset must be at least {FOLLOW_MIN_DISTANCE_M:g} m long"
+    if isinstance(setpoint, FollowDevice) and math.hypot(*setpoint.offset_ne_m) < DEVICE_MIN_DISTANCE_M:
+        return f"offset_ne_m must be at least {DEVICE_MIN_DISTANCE_M:g} m long"
     return _contradiction_of_points(setpoint.points) if isinstance(setpoint, Path) else None
 
 

@@ -17,6 +17,8 @@ FIXED_HEADERS = {
     "X-Frame-Options": "SAMEORIGIN",
     "Referrer-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
+    # The page may follow this device; no frame of anybody else may locate it.
+    "Permissions-Policy": "geolocation=(self)",
 }
 
 

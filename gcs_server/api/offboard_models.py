@@ -134,6 +134,7 @@ SetpointType = Literal[
     "actuators",
     "path",
     "follow",
+    "follow_device",
 ]
 
 
@@ -141,7 +142,7 @@ class StreamedSetpoint(ResponseBody):
     """The setpoint that is being sent to the vehicle; fields of other types are omitted."""
 
     type: SetpointType
-    """Type of the sent setpoint: path and follow are sent as trajectory."""
+    """Type of the sent setpoint: path, follow and follow_device are sent as trajectory."""
     position_ned_m: Partial3 | None = None
     """North, east, down [m]."""
     velocity_ned_m_s: Partial3 | None = None

@@ -168,7 +168,8 @@ AnySetpoint = Annotated[
     | Annotated[s.ThrustTorque, _KIND]
     | Annotated[s.Actuators, _KIND]
     | Annotated[s.Path, _KIND]
-    | Annotated[s.Follow, _KIND],
+    | Annotated[s.Follow, _KIND]
+    | Annotated[s.FollowDevice, _KIND],
     Field(discriminator="type"),
 ]
 SCHEMA_NAMES = {"PathPoint": "PathPointBody"} | {

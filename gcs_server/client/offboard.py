@@ -65,6 +65,7 @@ class SetpointCalls(ABC, Generic[R_co]):
     actuators = _Call(setpoints.actuators)
     path = _Call(setpoints.path)
     follow = _Call(setpoints.follow)
+    follow_device = _Call(setpoints.follow_device)
 
 
 class VehicleApi(Protocol):

@@ -139,6 +139,32 @@ def follow(
     return _body("follow", vehicle=vehicle_id, offset_ned_m=offset_ned_m, offset_frd_m=offset_frd_m, yaw=yaw)
 
 
+def follow_device(
+    lat_deg: float,
+    lon_deg: float,
+    *,
+    accuracy_m: float,
+    offset_ne_m: Sequence[float],
+    alt_home_m: float,
+    age_s: float = 0.0,
+    velocity_ne_m_s: Sequence[float] | None = None,
+    yaw: Literal["keep", "face"] = "keep",
+) -> Body:
+    """Keeps a position beside a device that this program locates, such as a tracker that a person carries:
+    send each new position, about once a second, valid for at most 5 s. Without them the vehicle holds."""
+    return _body(
+        "follow_device",
+        lat_deg=lat_deg,
+        lon_deg=lon_deg,
+        accuracy_m=accuracy_m,
+        age_s=age_s,
+        offset_ne_m=offset_ne_m,
+        alt_home_m=alt_home_m,
+        velocity_ne_m_s=velocity_ne_m_s,
+        yaw=yaw,
+    )
+
+
 def first_setpoint(
     body: Body | None,
     position_ned_m: Sequence[float] | None,

@@ -16,6 +16,7 @@ from missions.setpoints import (
     Attitude,
     DirectSetpoint,
     Follow,
+    FollowDevice,
     Path,
     Position,
     PositionBody,
@@ -29,7 +30,9 @@ from missions.setpoints import (
 
 LEADER_TIMEOUT_S = 1.0
 """Maximum age of the followed vehicle's position [s]."""
-KINDS_TO_RESOLVE = frozenset(kind.type for kind in (PositionBody, Path, Follow))
+DEVICE_EXTRAPOLATION_S = 1.5
+"""Time for which the position of a device is extrapolated [s]; phones report theirs about once a second."""
+KINDS_TO_RESOLVE = frozenset(kind.type for kind in (PositionBody, Path, Follow, FollowDevice))
 """Kinds that this module converts into a kind that can be sent."""
 NON_LOCAL_KINDS = frozenset(kind.type for kind in (VelocityBody, PositionGlobal))
 """Kinds in other frames; this module converts them for links that carry only the local frame (ROS 2)."""
@@ -60,6 +63,9 @@ class ResolvedSetpoint:
         self._path_start_s = now_s
         self._curve: PathCurve | None = None
         self._follow: Follow | None = None
+        self._device: FollowDevice | None = None
+        self._device_s = now_s
+        """Time of the device's position [s, monotonic]."""
         self.sampler: ScriptSampler | None = None
         """Samples the script of an offboard mission; None for other setpoints."""
         self._fixed: DirectSetpoint | None = None
@@ -71,6 +77,11 @@ class ResolvedSetpoint:
             self._curve = PathCurve.of(setpoint, yaw_kept_rad)
         elif isinstance(setpoint, Follow):
             self._follow = setpoint
+        elif isinstance(setpoint, FollowDevice):
+            self._device, self._device_s = setpoint, now_s - setpoint.age_s
+            self._fixed = self._beside_device(now_s, snapshot)
+            if self._fixed is None:
+                raise ValueError("follow_device needs a fresh global position and home")
         else:
             self._fixed = _fixed_setpoint(setpoint, now_s, snapshot, yaw_kept_rad)
             if snapshot.local_only and _to_local(self._fixed, snapshot) is None:
@@ -102,6 +113,9 @@ class ResolvedSetpoint:
             return self._curve.at(0.0 if waiting else now_s - self._path_start_s)
         if self._follow is not None:
             return _follow_setpoint(self._follow, now_s, snapshot, self._yaw_kept_rad)
+        if self._device is not None:
+            self._fixed = self._beside_device(now_s, snapshot) or self._fixed
+            return self._fixed
         if snapshot.local_only and self._fixed is not None:
             self._local = _to_local(self._fixed, snapshot) or self._local
             return self._local
@@ -116,7 +130,23 @@ class ResolvedSetpoint:
             return self._curve.at(at_s - self._path_start_s)
         if self._follow is not None:
             return _follow_setpoint(self._follow, at_s, snapshot, self._yaw_kept_rad)
-        return None
+        return None if self._device is None else self._beside_device(at_s, snapshot)
+
+    def _beside_device(self, at_s: float, snapshot: Snapshot) -> Trajectory | None:
+        """The setpoint beside the followed device at a time; None if the local frame or home is not known."""
+        device, origin, home_amsl_m = self._device, snapshot.bounds.origin, snapshot.home_alt_amsl_m
+        if device is None or origin is None or home_amsl_m is None:
+            return None
+        north, east, down = origin.to_ned(device.lat_deg, device.lon_deg, home_amsl_m + device.alt_home_m)
+        velocity = device.velocity_ne_m_s or (0.0, 0.0)
+        ahead_s = min(max(at_s - self._device_s, 0.0), DEVICE_EXTRAPOLATION_S)
+        moves = at_s - self._device_s < DEVICE_EXTRAPOLATION_S
+        north_m, east_m = device.offset_ne_m
+        return Trajectory(
+            (north + velocity[0] * ahead_s + north_m, east + velocity[1] * ahead_s + east_m, down),
+            (velocity[0], velocity[1], 0.0) if moves else (0.0, 0.0, 0.0),
+            yaw_ned_rad=math.atan2(-east_m, -north_m) if device.yaw == "face" else self._yaw_kept_rad,
+        )
 
 
 def keeps_heading(setpoint: Setpoint | Script) -> bool:
@@ -125,7 +155,7 @@ def keeps_heading(setpoint: Setpoint | Script) -> bool:
         return setpoint.yaw_offset_rad is None
     if isinstance(setpoint, Path):
         return setpoint.points[0].yaw_ned_rad is None
-    if isinstance(setpoint, Follow):
+    if isinstance(setpoint, Follow | FollowDevice):
         return setpoint.yaw == "keep"
     if isinstance(setpoint, Script | Attitude | Rates) or not hasattr(setpoint, "yaw_ned_rad"):
         return False

@@ -34,6 +34,7 @@ from missions.setpoints import (
     DirectSetpoint,
     Estimate,
     Follow,
+    FollowDevice,
     Partial3,
     Path,
     Position,
@@ -313,7 +314,9 @@ def check_target(
         return
     if isinstance(setpoint, Path):
         check_path(setpoint, position_now, bounds)
-    elif not isinstance(setpoint, Follow):  # the leader's path is unknown; the limits apply in flight
+    elif not isinstance(
+        setpoint, Follow | FollowDevice
+    ):  # their paths are unknown; the limits apply in flight
         target = _target_of(ResolvedSetpoint(setpoint, now_s, snapshot, 0.0).at(now_s, snapshot), bounds)
         if target is not None:
             _check_distance(target, position_now, "The target")

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable, Sequence
 
 from gcs_server.clock import Clock
 from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
+from gcs_server.streamer.device import check_device
 from gcs_server.streamer.offboard.avoidance import AvoidanceControl
 from gcs_server.streamer.offboard.configuration import OffboardConfiguration
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
@@ -33,7 +34,7 @@ from gcs_server.vehicle.tickets import Ticket
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.segments import Segment
 from missions.runner.script import Script
-from missions.setpoints import Follow, Position
+from missions.setpoints import Follow, FollowDevice, Position
 
 PRE_STREAM_S = 1.2
 """Time for which setpoints are streamed before Offboard is requested [s]; PX4 requires more than 1 s."""
@@ -422,6 +423,10 @@ class OffboardControl:
         self._availability.require(setpoint, in_offboard=request.mode == OFFBOARD)
         if isinstance(setpoint, Follow):
             self._check_leader(setpoint)
+        if isinstance(setpoint, FollowDevice):
+            state, position = self._streams.state(self.vehicle.id), self._estimates.global_position()
+            vehicle_deg = None if position is None else (position.lat_deg, position.lon_deg)
+            check_device(request, vehicle_deg, state.request, state.age_s)
         snapshot, limited = self.snapshot(request), self.operator_limits.limits.needs_position
         floor = self.vehicle.command.floor.now()
         check_target(setpoint, self._clock.monotonic_s(), snapshot, floor, has_position_limits=limited)

@@ -127,6 +127,13 @@ export const BOUNDS = {
     hold_s: {"min":0,"max":86400},
     corner_m: {"min":0,"max":1000},
   },
+  type_follow_device: {
+    lat_deg: {"min":-90,"max":90},
+    lon_deg: {"min":-180,"max":180},
+    accuracy_m: {"min":0,"max":100000},
+    alt_home_m: {"min":5,"max":500},
+    age_s: {"min":0,"max":3600},
+  },
   Gamepad: {
     dead_zone: {"min":0,"max":0.5},
     expo: {"min":0,"max":1},

@@ -7081,6 +7081,80 @@ export interface components {
             readonly corner_m: number;
         };
         /**
+         * FollowDeviceSetpoint
+         * @description A position beside a device that reports its own position, such as a phone; each newer position is a new
+         *     setpoint. The offset is at least 5 m long, and the height is above home: that of such devices is too
+         *     inaccurate.
+         * @example {
+         *       "accuracy_m": 6,
+         *       "age_s": 0.4,
+         *       "alt_home_m": 12,
+         *       "lat_deg": 47.3979,
+         *       "lon_deg": 8.5458,
+         *       "offset_ne_m": [
+         *         0,
+         *         -15
+         *       ],
+         *       "type": "follow_device",
+         *       "yaw": "face"
+         *     }
+         */
+        readonly FollowDeviceSetpoint: {
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            readonly type: "follow_device";
+            /**
+             * Lat Deg
+             * @description Position of the device: degrees north, WGS 84.
+             */
+            readonly lat_deg: number;
+            /**
+             * Lon Deg
+             * @description Degrees east, WGS 84.
+             */
+            readonly lon_deg: number;
+            /**
+             * Accuracy M
+             * @description Radius within which the device is, as it reports it [m]; more than 20 m, or more than the offset, is
+             *     refused.
+             */
+            readonly accuracy_m: number;
+            /**
+             * Offset Ne M
+             * @description Where the vehicle stays: north, east of the device [m].
+             */
+            readonly offset_ne_m: readonly [
+                number,
+                number
+            ];
+            /**
+             * Alt Home M
+             * @description Height above home [m].
+             */
+            readonly alt_home_m: number;
+            /**
+             * Age S
+             * @description Age of the position when it is sent [s]; more than 3 s is refused.
+             */
+            readonly age_s?: number;
+            /**
+             * Velocity Ne M S
+             * @description Velocity of the device north, east [m/s]; its position is extrapolated with it for at most 1.5 s.
+             */
+            readonly velocity_ne_m_s?: readonly [
+                number,
+                number
+            ] | null;
+            /**
+             * Yaw
+             * @description keep: the present heading; face: towards the device.
+             * @enum {string}
+             */
+            readonly yaw?: "keep" | "face";
+        };
+        /**
          * FollowSetpoint
          * @description A position that moves with another vehicle; exactly one offset, at least 2 m long.
          * @example {
@@ -10539,7 +10613,7 @@ export interface components {
              */
             readonly vehicle: string;
             /** Setpoint */
-            readonly setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
+            readonly setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"] | components["schemas"]["FollowDeviceSetpoint"];
         };
         /**
          * Message
@@ -11991,7 +12065,7 @@ export interface components {
              * Ordered Type
              * @description Type of the requested setpoint; the sent type may differ (path, follow, after expiry).
              */
-            readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
+            readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow" | "follow_device") | "mission" | null;
             /**
              * @description The setpoint that is being sent: the client's setpoint within all limits, or the position that is
              *     kept after expiry.
@@ -12097,7 +12171,7 @@ export interface components {
              * Ordered Type
              * @description Type of the requested setpoint; the sent type may differ (path, follow, after expiry).
              */
-            readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
+            readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow" | "follow_device") | "mission" | null;
             /**
              * @description The setpoint that is being sent: the client's setpoint within all limits, or the position that is
              *     kept after expiry.
@@ -12201,7 +12275,7 @@ export interface components {
              * Ordered Type
              * @description Type of the requested setpoint; the sent type may differ (path, follow, after expiry).
              */
-            readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
+            readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow" | "follow_device") | "mission" | null;
             /**
              * @description The setpoint that is being sent: the client's setpoint within all limits, or the position that is
              *     kept after expiry.
@@ -15630,7 +15704,7 @@ export interface components {
              */
             readonly on_expiry?: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
             /** Setpoint */
-            readonly setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
+            readonly setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"] | components["schemas"]["FollowDeviceSetpoint"];
         };
         /**
          * SetupChange
@@ -16268,10 +16342,10 @@ export interface components {
         readonly StreamedSetpoint: {
             /**
              * Type
-             * @description Type of the sent setpoint: path and follow are sent as trajectory.
+             * @description Type of the sent setpoint: path, follow and follow_device are sent as trajectory.
              * @enum {string}
              */
-            readonly type: "position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow";
+            readonly type: "position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow" | "follow_device";
             /**
              * Position Ned M
              * @description North, east, down [m].
@@ -18485,7 +18559,7 @@ export interface components {
              */
             readonly on_expiry?: components["schemas"]["HoldOnExpiry"] | components["schemas"]["LandOnExpiry"] | components["schemas"]["StopStreamOnExpiry"];
             /** Setpoint */
-            readonly setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"];
+            readonly setpoint: components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"] | components["schemas"]["FollowDeviceSetpoint"];
             /**
              * Rate Hz
              * @description Setpoints per second [Hz].

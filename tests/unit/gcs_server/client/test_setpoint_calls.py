@@ -27,6 +27,11 @@ CALLS = {
     "actuators": (([0.1, None],), {"servos": (0.5,)}, "actuators"),
     "path": (([(0, (0, 0, -5)), (4, (4, 0, -5))],), {}, "path"),
     "follow": (("2",), {"offset_ned_m": (0, 5, 0), "yaw": "face"}, "follow"),
+    "follow_device": (
+        (47.0, 8.0),
+        {"accuracy_m": 5, "offset_ne_m": (0, 15), "alt_home_m": 12, "velocity_ne_m_s": None},
+        "follow_device",
+    ),
 }
 
 
