@@ -144,10 +144,10 @@ class PageMonitor:
             return True
         if "status of 504" in message.text and message.location["url"].endswith("/hold"):
             return True  # Hold, sent to a vehicle whose connection is lost
-        places = "plans/(import|insert|table)|map_sources|elevation/sources|settings|links|flights/\\w+/rerun"
-        may_be_invalid = f"/api/v1/({places})"
+        places = "plans/(check|import|insert|table)|map_sources|elevation/sources|settings|links|flights/"
+        may_be_invalid = rf"/api/v1/({places}\w+/rerun)"
         if "status of 422" in message.text and re.search(may_be_invalid, message.location["url"]):
-            return True  # an unreadable file, a mission that cannot be inserted, an address without tiles
+            return True  # an unreadable file, a mission that contradicts itself, an address without tiles
         if message.text.startswith("Tried to update non-existent component"):
             return True  # viser's client renders slower than labels change, and shows the next update
         return "status of 404" in message.text and "/api/v1/vehicles/" in message.location["url"]

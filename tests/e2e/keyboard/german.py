@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 
@@ -20,7 +21,9 @@ ENGLISH = re.compile(
     r"readiness|waypoints?|setpoints?|steps?|items?|files?|names?|size|time|each|new|now|until|after|before)\b",
     re.IGNORECASE,
 )
-ALLOWED = re.compile(r"\bStart(s|et|en)?\b|\bName\b|\bStopp?\b|\bHome(-Position)?\b|Offboard GCS|\bWest\b")
+ALLOWED = re.compile(
+    r"\bStart(s|et|en)?\b|\bName\b|\bStopp?\b|\bHome(-Position)?\b|Offboard GCS|\bWest\b|^\.waypoints$"
+)
 """Words that are the same in German, and names."""
 
 SHOWN_TEXTS = """
@@ -73,9 +76,14 @@ def choose_german(page: Page) -> None:
     assert page.evaluate("() => document.documentElement.lang") == "de"
 
 
-def english_texts(page: Page) -> list[str]:
-    """The shown texts that have an English word."""
-    return [text for text in page.evaluate(SHOWN_TEXTS) if ENGLISH.search(ALLOWED.sub("", text))]
+def english_texts(page: Page, own_words: Collection[str] = ()) -> list[str]:
+    """The shown texts that have an English word, apart from what a person wrote: names of
+    steps, lists and roles."""
+    own = re.compile(
+        "|".join(rf"\b{re.escape(word)}(?!\w)" for word in sorted(own_words, key=len)[::-1]) or "(?!)"
+    )
+    texts = page.evaluate(SHOWN_TEXTS)
+    return [text for text in texts if ENGLISH.search(ALLOWED.sub("", own.sub("", text)))]
 
 
 def clipped_texts(page: Page) -> list[str]:

@@ -2,10 +2,10 @@
 
 /** Attributes and component properties whose text a person reads. */
 const SHOWN_ATTRIBUTES =
-  /^(aria-label|aria-description|aria-valuetext|aria-roledescription|legend|closeHint|closeLabel|contentLabel|title|placeholder|alt|label|text|hint|note|caption|summary|empty|why|unavailable|reason|action|confirm|verb|description|explanation)$/;
+  /^(aria-label|aria-description|aria-valuetext|aria-roledescription|legend|closeHint|closeLabel|contentLabel|title|placeholder|alt|label|text|hint|note|caption|summary|empty|why|unavailable|reason|action|confirm|verb|description|explanation|\w+Text)$/;
 /** Properties and variables of the scripts of which one word alone is also shown: `{ label: 'Hold' }`. */
 const SHOWN_NAMES =
-  /^(label|title|text|hint|note|caption|summary|description|explanation|words?|verb|tooltip|short|long)$|(Label|Title|Text|Hint|Words|Verb|Note)$|^(LABELS?|TITLES?|TEXTS?|HINTS?|WORDS?|NAMES?)$|_(LABELS?|TITLES?|TEXTS?|HINTS?|WORDS?|NAMES?)$/;
+  /^(label|title|text|hint|note|caption|summary|description|explanation|words?|verb|tooltip|short|long|placeholder)$|(Label|Title|Text|Hint|Words|Verb|Note)$|^(LABELS?|TITLES?|TEXTS?|HINTS?|WORDS?|NAMES?)$|_(LABELS?|TITLES?|TEXTS?|HINTS?|WORDS?|NAMES?)$/;
 /** Elements without prose. */
 export const SILENT_ELEMENTS = new Set(['script', 'style', 'path', 'svg', 'code', 'pre', 'kbd']);
 /** Functions whose arguments are names for the machine, not texts. */
@@ -27,7 +27,7 @@ const words = (text) =>
 /** A sentence or part of one: at least one word of two small letters, and a space. */
 export function isProse(text) {
   if (/^(Shift|Ctrl|Alt) /.test(text) || /px\b|sans-serif|^[a-z]+ (stops|point|drag)$/.test(text)) return false; // keys, fonts, classes
-  if (/^[\w-]*\(.*\)$/.test(text.trim()) || /^[a-z-]+:[^ ]/.test(text) || /^(https?:|\/|\.\/|#|@|--|M ?-?[\d{])/.test(text)) return false;
+  if (/^[\w-]*\(.*\)$/.test(text.trim()) || /^[a-z-]+:[^ ]/.test(text) || /^(https?:|\/|\.\/|#[^ ]|@|--|M ?-?[\d{])/.test(text)) return false;
   if (/^[a-z0-9]+(-[a-z0-9]+)+( [a-z0-9-]+)*$/.test(text)) return false; // names of CSS classes
   return /\s/.test(text.trim() === text ? text : `${text} `) && /\p{L}\p{Ll}/u.test(words(text));
 }

@@ -9,6 +9,8 @@ const TEXTS = new ServerTexts([
   ['{0} the {1}', '{0} ({1})'],
   ['no home position', 'keine Home-Position'],
   ['the geofence', 'der Geofence'],
+  ['There is no {0} {1}.', 'Es gibt keine {0} {1}.'],
+  ['there is no mission', 'es gibt keine Mission'],
   ['Hold', 'Halten'],
   ['Switching to {0} because of {1}.', 'Wechsel zu {0} wegen: {1}.'],
 ]);
@@ -24,6 +26,7 @@ describe('a sentence of the server', () => {
     ['Hold', 'Halten'],
     ['No home position.', 'Keine Home-Position.'],
     ['row 2: no home position.', 'row 2: keine Home-Position.'],
+    ['There is no mission. Arm it first.', 'Es gibt keine Mission. Erst scharfschalten.'],
     ['field x: no home position (no fix).', 'field x: keine Home-Position (no fix).'],
   ])('%s', (english, german) => expect(TEXTS.text(english)).toBe(german));
 
@@ -64,6 +67,8 @@ describe('an answer of the server', () => {
       at: { mode_label: 'Hold' },
       choice: { value: 1, label: 'Hold' },
       mode: { mode: 'hold', label: 'Hold' },
+      span: { begin_s: 1, end_s: 2, name: 'Hold' },
+      topic: { begin_s: 1, end_s: 2, name: 'Hold', samples: 3 },
     };
     expect(withTexts(answer, TEXTS)).toEqual({
       ...answer,
@@ -71,6 +76,7 @@ describe('an answer of the server', () => {
       reasons: ['keine Home-Position'],
       at: { mode_label: 'Halten' },
       mode: { mode: 'hold', label: 'Halten' },
+      span: { begin_s: 1, end_s: 2, name: 'Halten' },
     });
   });
 });

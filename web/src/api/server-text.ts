@@ -105,7 +105,7 @@ export class ServerTexts {
   /** @returns null: no part of the text is known. */
   private find(text: string, depth: number): string | null {
     if (text.length > MAX_LENGTH || depth > MAX_DEPTH || !/\p{L}/u.test(text)) return null;
-    const whole = this.exact(text) ?? this.fromTemplate(text, depth) ?? this.trimmed(text, depth);
+    const whole = this.exact(text) ?? this.sentences(text) ?? this.fromTemplate(text, depth) ?? this.trimmed(text, depth);
     if (whole !== null) return whole;
     for (const [n, separator] of SEPARATORS.entries()) {
       if (n === 1) {
@@ -132,6 +132,12 @@ export class ServerTexts {
     if (stated !== undefined) return stated + end;
     const small = this.whole.get(inner.charAt(0).toLowerCase() + inner.slice(1));
     return small === undefined ? null : small.charAt(0).toUpperCase() + small.slice(1) + end;
+  }
+
+  /** Several sentences of which each is a whole text: none of them is a value of a template that would fit, too. */
+  private sentences(text: string): string | null {
+    const found = text.split(SENTENCE_END).map((sentence) => this.exact(sentence));
+    return found.length > 1 && found.every((each) => each !== null) ? found.join(' ') : null;
   }
 
   private trimmed(text: string, depth: number): string | null {
@@ -223,12 +229,13 @@ export function withTexts<T>(data: T, texts: ServerTexts): T {
     if (typeof value === 'string') return isText ? texts.text(value) : value;
     if (Array.isArray(value)) return typeof value[0] === 'number' ? value : value.map((one) => visit(one, isText));
     if (typeof value !== 'object' || value === null || Object.getPrototypeOf(value) !== Object.prototype) return value;
-    // A mode has its name in the API and a label, of which a flight (with its greatest height) has a list, and how it ended as a code; other labels are of the vehicle's metadata. The readiness' `words` say whose words it has.
+    // A mode has its name in the API and a label, of which a flight (with its greatest height) has a list, and how it ended as a code; a span of a log has its mode as name, a topic (with samples) its own. Other labels are of the vehicle's metadata. The readiness' `words` say whose words it has.
     const isShown = (name: string): boolean =>
       TEXT_FIELDS.has(name) ||
       (name === 'label' && 'mode' in value) ||
       (name === 'words' && 'after_s' in value) ||
       (name === 'modes' && 'height_m' in value) ||
+      (name === 'name' && 'end_s' in value && !('samples' in value)) ||
       (name === 'ended' && !('height_m' in value));
     return Object.fromEntries(Object.entries(value).map(([name, one]) => [name, OWN_FIELDS.has(name) ? one : visit(one, isShown(name))]));
   };
@@ -246,10 +253,6 @@ export function useServerTexts(entries: readonly ServerTextEntry[]): void {
 
 /** The parts of a text that the server sent, for `app/ServerText.svelte`. */
 export const partsOf = (text: string): readonly TextPart[] => (__LANGUAGE__ === 'en' || texts === null ? [{ text, isForeign: false }] : texts.partsOf(text));
-
-/** The language of a text that is not in the page's language; undefined: it is. */
-export const foreignLanguageOf = (text: string): 'en' | undefined =>
-  __LANGUAGE__ !== 'en' && texts?.partsOf(text).every((part) => part.isForeign) === true ? 'en' : undefined;
 
 /** What the server sent, with its texts in the page's language. */
 export const inPageLanguage = <T>(data: T): T => (__LANGUAGE__ === 'en' || texts === null ? data : withTexts(data, texts));

@@ -63,7 +63,7 @@ export const links = new Links();
 export type ServerLink = components['schemas']['Link'];
 export type ServerNotice = components['schemas']['Notice'];
 
-const STATES: Readonly<Record<string, string>> = {
+const STATE_WORDS: Readonly<Record<string, string>> = {
   connecting: 'connecting',
   open: 'open',
   waiting: 'retrying',
@@ -104,7 +104,7 @@ function peersText(peers: readonly string[]): string {
 function linkLines(link: ServerLink, hasOtherLinks: boolean): [string, string][] {
   const lines: [string, string][] = hasOtherLinks ? [['', link.name]] : [['Link', link.name]];
   lines.push(
-    ['State', join([STATES[link.state] ?? link.state, link.detail])],
+    ['State', join([STATE_WORDS[link.state] ?? link.state, link.detail])],
     ['Peers', peersText(link.peers)],
     ['Frames', `${link.frames_received} in, ${link.frames_lost} lost (${lossText(link)})`],
     ['CRC errors', String(link.crc_errors)],

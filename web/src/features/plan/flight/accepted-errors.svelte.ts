@@ -1,5 +1,6 @@
 /** Errors of a plan that a person can accept. */
 
+import { placeText } from '../offboard/place';
 import type { Finding } from '../document/fixes';
 import type { Document } from '../document-kinds';
 
@@ -36,7 +37,7 @@ export function findingCodes(findings: readonly Finding[]): string[] {
   return [...new Set(findings.map(({ code }) => code))];
 }
 
-export const findingText = ({ text, place }: Finding): string => (place.step === null ? text : `${place.step}: ${text}`);
+export const findingText = ({ text, place }: Finding): string => (place.step === null ? text : `${placeText(place.step)}: ${text}`);
 
 /** Text for a confirmation that lists all accepted errors; empty if there are none. */
 export function acceptedErrorsText(texts: readonly string[]): string {

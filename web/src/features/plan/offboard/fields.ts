@@ -4,7 +4,7 @@ import { boundsOf, quantityOf, type FieldValue, type ShownField } from '../../..
 import { positionFields } from './position-fields';
 import type { MissionFrame } from './positions';
 import type { Mission, MissionPosition, Step, StepKind } from './mission';
-import { PERCENT, GIMBAL_MODES, CONDITION_VALUES } from './step-titles';
+import { PERCENT, GIMBAL_MODE_WORDS, CONDITION_VALUES } from './step-titles';
 
 /** One row of the editor. */
 export interface Field<T> extends ShownField {
@@ -146,7 +146,7 @@ function conditionRows(field: string): RowSpec {
     const withFields = (old: Step, fields: object): Step => ({ ...old, [field]: { ...(old[field] as object), ...fields } });
     return [
       {
-        ...choiceField(step, 'value', 'Value', Object.fromEntries(Object.entries(CONDITION_VALUES).map(([value, [label]]) => [value, label]))),
+        ...choiceField(step, 'value', 'Value', Object.fromEntries(Object.entries(CONDITION_VALUES).map(([value, { text }]) => [value, text]))),
         name: `${field}-value`,
         value: storedCondition.value ?? '',
         set: (old, next) => withFields(old, { value: next }),
@@ -170,7 +170,7 @@ function conditionRows(field: string): RowSpec {
         name: `${field}-bound`,
         label: 'Threshold',
         type: 'number',
-        unit: CONDITION_VALUES[storedCondition.value ?? '']?.[1] ?? '',
+        unit: CONDITION_VALUES[storedCondition.value ?? '']?.unit ?? '',
         value: (storedCondition.above ?? storedCondition.below ?? 0) * scale,
         set: (old, next) => withFields(old, { [comparison]: typeof next === 'number' ? next / scale : 0 }),
       },
@@ -231,7 +231,7 @@ const velocityRows: RowSpec = (step) => {
 const gimbalRows: RowSpec = (step, context) => {
   const rows: Field<Step>[] = [
     {
-      ...choiceField(step, 'track', 'Gimbal mode', GIMBAL_MODES),
+      ...choiceField(step, 'track', 'Gimbal mode', GIMBAL_MODE_WORDS),
       // Only the mode `look_at` has a position.
       set: (old, next) => ({ ...old, track: next, place: next === 'look_at' ? (old['place'] ?? { offset_ned_m: [0, 0, 0] }) : null }),
     },
@@ -272,7 +272,7 @@ const STEP_ROWS: Readonly<Record<StepKind, readonly RowSpec[]>> = {
     numberRow('axis_ned_rad', 'Bearing of the long axis'),
     ...PATH_ROWS,
   ],
-  table: [nameChoiceRow('file', 'Table', 'tables', 'none'), switchRow('relative', 'Positions relative to the start of the mission', true)],
+  table: [nameChoiceRow('file', 'Table', 'tables', 'no table'), switchRow('relative', 'Positions relative to the start of the mission', true)],
   velocity: [velocityRows, numberRow('duration_s', 'Duration'), numberRow('yaw_ned_rad', 'Yaw from north', UNCHANGED)],
   attitude: [
     numberRow('roll_rad', 'Roll'),

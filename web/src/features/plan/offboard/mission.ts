@@ -78,27 +78,38 @@ export interface StepNode {
 const MAX_NODES = 3000;
 const MAX_DEPTH = 24;
 
+/** A name as the server has it: of words that are no texts, so that it is the same in every language. */
+const named = (...words: readonly (string | number)[]): string => words.join(' ');
+
 /** All steps in order; nested steps follow their parent. A list that calls itself is not expanded again. */
 export function nodesOf(mission: Mission): StepNode[] {
   const nodes: StepNode[] = [];
-  const walk = (steps: readonly Step[], path: JsonPath, prefix: string, depth: number, listHeading: string, callingLists: readonly string[]): void => {
+  const walk = (
+    steps: readonly Step[],
+    path: JsonPath,
+    placeOf: (number: number) => string,
+    depth: number,
+    listHeading: string,
+    callingLists: readonly string[],
+  ): void => {
     steps.forEach((step, index) => {
       if (nodes.length >= MAX_NODES || depth > MAX_DEPTH) return;
-      const place = `${prefix}${index + 1}`;
+      const place = placeOf(index + 1);
       const stepPath = [...path, index];
       nodes.push({ place, path: stepPath, step, depth, numberText: String(index + 1), listHeading: index === 0 ? listHeading : '' });
-      if (step.step === 'repeat') walk(step.steps ?? [], [...stepPath, 'steps'], `${place}.`, depth + 1, '', callingLists);
+      if (step.step === 'repeat') walk(step.steps ?? [], [...stepPath, 'steps'], (n) => `${place}.${n}`, depth + 1, '', callingLists);
       if (step.step === 'branch') {
-        walk(step.then ?? [], [...stepPath, 'then'], `${place} then `, depth + 1, 'then', callingLists);
-        walk(step.otherwise ?? [], [...stepPath, 'otherwise'], `${place} otherwise `, depth + 1, 'otherwise', callingLists);
+        walk(step.then ?? [], [...stepPath, 'then'], (n) => named(place, 'then', n), depth + 1, 'then', callingLists);
+        walk(step.otherwise ?? [], [...stepPath, 'otherwise'], (n) => named(place, 'otherwise', n), depth + 1, 'otherwise', callingLists);
       }
       const name = step.step === 'call' ? (step.mission ?? '') : '';
       if (name !== '' && !callingLists.includes(name))
-        walk(mission.missions[name] ?? [], ['missions', name], `${place}, ${name} `, depth + 1, name, [...callingLists, name]);
+        walk(mission.missions[name] ?? [], ['missions', name], (n) => named(`${place},`, name, n), depth + 1, name, [...callingLists, name]);
     });
   };
-  walk(mission.steps, ['steps'], 'step ', 0, '', []);
-  for (const [name, role] of Object.entries(mission.roles ?? {})) walk(role.steps, ['roles', name, 'steps'], `${name}, step `, 0, `Role ${name}`, []);
+  walk(mission.steps, ['steps'], (n) => named('step', n), 0, '', []);
+  for (const [name, role] of Object.entries(mission.roles ?? {}))
+    walk(role.steps, ['roles', name, 'steps'], (n) => named(`${name},`, 'step', n), 0, `Role ${name}`, []);
   return nodes;
 }
 

@@ -27,7 +27,7 @@ const TITLES: Readonly<Record<StepKind, string>> = {
 };
 export const STEP_KINDS = Object.keys(TITLES) as StepKind[];
 
-export const GIMBAL_MODES: Readonly<Record<string, string>> = {
+export const GIMBAL_MODE_WORDS: Readonly<Record<string, string>> = {
   fixed: 'fixed to the vehicle',
   look_at: 'look at a point',
   along_path: 'along the path',
@@ -36,13 +36,13 @@ export const GIMBAL_MODES: Readonly<Record<string, string>> = {
 };
 
 /** Values that a condition can compare, with their units or quantities (`ui/units.ts`). */
-export const CONDITION_VALUES: Readonly<Record<string, readonly [string, string]>> = {
-  battery_share: ['battery', '%'],
-  wind_speed_m_s: ['wind', 'speed'],
-  ground_speed_m_s: ['ground speed', 'speed'],
-  distance_m: ['distance sensor', 'length'],
-  satellites: ['satellites', ''],
-  horizontal_error_m: ['estimated horizontal position error', 'length'],
+export const CONDITION_VALUES: Readonly<Record<string, { readonly text: string; readonly unit: string }>> = {
+  battery_share: { text: 'battery', unit: '%' },
+  wind_speed_m_s: { text: 'wind', unit: 'speed' },
+  ground_speed_m_s: { text: 'ground speed', unit: 'speed' },
+  distance_m: { text: 'distance sensor', unit: 'length' },
+  satellites: { text: 'satellites', unit: '' },
+  horizontal_error_m: { text: 'estimated horizontal position error', unit: 'length' },
 };
 /** Factor from a fraction to per cent. */
 export const PERCENT = 100;
@@ -59,11 +59,11 @@ const degreesText = (value: unknown): string => `${fixed(((numberOrNull(value) ?
 
 function conditionText(condition: unknown): string {
   const { value, above, below, for_s } = (condition ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
-  const [label, unit] = CONDITION_VALUES[value ?? ''] ?? [value ?? 'a value', ''];
+  const { text, unit } = CONDITION_VALUES[value ?? ''] ?? { text: value ?? 'a value', unit: '' };
   const threshold = above ?? below ?? 0;
   const displayedThreshold = value === 'battery_share' ? threshold * PERCENT : threshold;
   const durationText = (for_s ?? 0) > 0 ? ` for ${fixed(for_s ?? 0, 0)} s` : '';
-  return `${label} ${above != null ? 'above' : 'below'} ${shortText(unit, displayedThreshold)}${durationText}`;
+  return `${text} ${above != null ? 'above' : 'below'} ${shortText(unit, displayedThreshold)}${durationText}`;
 }
 
 /** The text below a step's title in the list. */
@@ -80,7 +80,7 @@ export function detailOf(step: Step): string {
       break;
     case 'fly':
       parts.push(`${step.points?.length ?? 0} ${step.points?.length === 1 ? 'point' : 'points'}`);
-      if (step['curve'] === 'smooth') parts.push('smooth');
+      if (step['curve'] === 'smooth') parts.push('smooth curve');
       break;
     case 'hold':
     case 'velocity':
@@ -95,7 +95,7 @@ export function detailOf(step: Step): string {
       parts.push(String(step['file'] ?? ''));
       break;
     case 'gimbal':
-      parts.push(GIMBAL_MODES[String(step['track'])] ?? '');
+      parts.push(GIMBAL_MODE_WORDS[String(step['track'])] ?? '');
       if (step['track'] !== 'look_at' && step['track'] !== 'release') parts.push(`pitch ${degreesText(step['pitch_rad'])}`);
       break;
     case 'photo':
@@ -110,7 +110,7 @@ export function detailOf(step: Step): string {
       parts.push(step['until'] === 'person' ? 'for the operator' : `until ${conditionText(step['until'])}`);
       break;
     case 'repeat':
-      parts.push(step['times'] === 1 ? 'once' : `${String(step['times'])} times`);
+      parts.push(step['times'] === 1 ? 'one time' : `${String(step['times'])} times`);
       break;
     case 'branch':
       parts.push(`if ${conditionText(step['condition'])}`);
