@@ -33,7 +33,7 @@ AREAS: tuple[tuple[str, re.Pattern[str]], ...] = (
 SILENT_FILES = re.compile(
     r"/(client|examples|generated_\w+|reference|sign_in|scene)/|/(cli|__main__|key_command|doctor|schema|sign_in_page|described|settings|"
     r"generated_dialect|palette|shapes|encodings|http_protocol|parser)\.py$|"
-    r"/exports/(foxglove|json_messages|sink|tracks)\.py$"
+    r"/(exports/(foxglove|json_messages|sink|tracks)|ros2_layout)\.py$"
 )
 """Command lines, the Python client, descriptions of the API, files for others: the page shows none."""
 SILENT_CALLS = re.compile(

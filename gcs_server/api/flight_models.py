@@ -46,7 +46,7 @@ class FlightFile(ResponseBody):
     """Name of the file."""
     source: Literal["recording", "vehicle", "file"]
     """Recorded by the server, downloaded from a vehicle, or added by a person."""
-    kind: Literal["ulog", "tlog"]
+    kind: Literal["ulog", "tlog", "mcap"]
     """Kind of the log."""
     bytes: int
     """Size."""
@@ -328,8 +328,8 @@ class LogDropout(ResponseBody):
 class FlightOverview(ResponseBody):
     """What a log has."""
 
-    kind: Literal["ulog", "tlog"]
-    """Kind of the log."""
+    kind: Literal["ulog", "tlog", "mcap"]
+    """Kind of the log; of an MCAP file that this program has written, that of the log in it."""
     start_unix_s: float | None
     """Start [s since 1970 UTC]; null: the vehicle did not know the time."""
     duration_s: float

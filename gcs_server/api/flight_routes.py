@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import Query, Request, Response
 from fastapi.responses import FileResponse
@@ -21,7 +21,7 @@ from gcs_server.api.station import StationDep
 from gcs_server.control.commands import BY_NAME
 from gcs_server.errors import InvalidRequest, LogUnusable, Refused
 from gcs_server.logbook.library import LogFile
-from gcs_server.logbook.names import ULOG
+from gcs_server.logbook.names import kind_of
 from gcs_server.logbook.uploads import MAX_PART_BYTES, Upload
 from gcs_server.operations.operations import ReportProgress
 from gcs_server.replay.catalogue import RecordingInfo
@@ -62,7 +62,7 @@ async def list_flights(station: StationDep) -> Response:
 
 @router.post("/uploads", status_code=201, response_model=m.UploadView)
 async def begin_upload(body: m.NewUpload, station: StationDep, principal: PrincipalDep) -> Response:
-    """Begins to add a log from elsewhere (`.ulg`, `.tlog`, `.tlog.gz`); its bytes follow in parts."""
+    """Begins to add a log from elsewhere (`.ulg`, `.tlog`, `.tlog.gz`, `.mcap`); its bytes follow."""
     with authorized_command(station, principal, "flights/add", None, {"bytes": body.bytes}):
         upload = await _on_disk(station.logbook.uploads.begin, body.name, body.bytes)
     return json_response(_upload_view(upload, None), 201)
@@ -234,12 +234,11 @@ def _upload_view(upload: Upload, flight: str | None) -> dict[str, object]:
 def _view(file: LogFile, info: RecordingInfo | None) -> dict[str, Any]:
     """A row of the list: from what was read of the file, or else from the recording's start and end."""
     summary = file.summary or {}
-    kind: Literal["ulog", "tlog"] = "ulog" if file.path.name.lower().endswith(ULOG) else "tlog"
     view = {
         "id": file.id,
         "name": file.path.name,
         "source": file.source,
-        "kind": kind,
+        "kind": kind_of(file.path.name),
         "bytes": file.size_bytes,
         "added_unix_s": file.added_unix_s,
         "start_unix_s": summary.get("start_unix_s"),

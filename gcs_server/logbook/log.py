@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from missions.values import hidden_character
 
-Kind = Literal["ulog", "tlog"]
+Kind = Literal["ulog", "tlog", "mcap"]
+"""How topics are named and times are known; that of a file that `exports/mcap_file.py` has written is its
+log's."""
 Column = NDArray[np.generic]
 Times = NDArray[np.float64]
 Number = float | int
@@ -41,7 +43,8 @@ class Topic:
 
     name: str
     instance: str
-    """ULog: number of the instance. tlog: `system.component`, with the message's own instance as third."""
+    """ULog: number of the instance. tlog: `system.component`, with the message's own instance as third. MCAP
+    of several vehicles: the vehicle, otherwise 0."""
     times_s: Times
     """Time of each sample since the log's start, ascending."""
     columns: dict[str, Column]
@@ -112,7 +115,7 @@ class Log:
     problems: list[str] = field(default_factory=list[str])
     """What of the file is missing or damaged, as sentences."""
     start_boot_s: float | None = None
-    """ULog: the start by the vehicle's clock [s since its boot]."""
+    """The start by the vehicle's clock [s since its boot]; None: not known, or each message has it (tlog)."""
 
 
 def clean_text(text: str) -> str:

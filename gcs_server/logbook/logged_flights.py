@@ -104,8 +104,10 @@ def _flight(log: Log, vehicle: VehicleStates, armed: Span) -> LoggedFlight:
 
 def own_topics(log: Log, vehicle: str) -> list[Topic]:
     """The topics of a vehicle's autopilot: of a telemetry log those of its first component."""
-    if log.kind == "ulog":
+    if log.kind == "ulog" or (log.kind == "mcap" and len(log.vehicles) <= 1):
         return log.topics
+    if log.kind == "mcap":
+        return [topic for topic in log.topics if topic.instance == vehicle]
     return [topic for topic in log.topics if topic.instance.split(".")[:2] == [vehicle, "1"]]
 
 
@@ -119,7 +121,7 @@ def _column(topics: Sequence[Topic], name: str, field: str) -> tuple[Values, Val
 
 def _boot_s(log: Log, topics: Sequence[Topic], at_s: float) -> float | None:
     """The vehicle's own time since its boot."""
-    if log.kind == "ulog":
+    if log.kind != "tlog":
         return None if log.start_boot_s is None else log.start_boot_s + at_s
     for name in _BOOT_TIMES:
         if (found := _column(topics, name, "time_boot_ms")) is not None:
@@ -132,8 +134,8 @@ def _boot_s(log: Log, topics: Sequence[Topic], at_s: float) -> float | None:
 
 def _unix_s(log: Log, topics: Sequence[Topic], at_s: float) -> tuple[float | None, bool]:
     """The time of day, and whether it is the vehicle's own."""
-    if log.kind == "ulog":
-        return (None if log.start_unix_s is None else log.start_unix_s + at_s), True
+    if log.kind != "tlog":  # of an MCAP file it is the clock of the computer that recorded it
+        return (None if log.start_unix_s is None else log.start_unix_s + at_s), log.kind == "ulog"
     found = _column(topics, "SYSTEM_TIME", "time_unix_usec")
     if found is not None:
         times_s, utc_us = found

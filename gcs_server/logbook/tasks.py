@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from gcs_server.logbook.names import ULOG, suffix_of
+from gcs_server.logbook.names import kind_of
 from gcs_server.operations.fork_server import Send, Stream, extend_limits
 
 EXPORT_CPU_S, EXPORT_TIMEOUT_S = 900, 3600
@@ -21,11 +21,12 @@ Fault = tuple[str, str]
 def read(path: str, folder: str) -> bytes:
     """Reads a log into a folder of columns; returns the overview as JSON. Raises UnreadableLog, OSError."""
     from gcs_server.logbook import columns, overview
+    from gcs_server.logbook.mcap_log import read_mcap
     from gcs_server.logbook.tlog import read_tlog
     from gcs_server.logbook.ulog import read_ulog
 
-    reader = read_ulog if suffix_of(path) == ULOG else read_tlog
-    log = reader(Path(path))
+    readers = {"ulog": read_ulog, "tlog": read_tlog, "mcap": read_mcap}
+    log = readers[kind_of(path)](Path(path))
     encoded = overview.encode(log)
     columns.write(log, encoded, Path(folder))
     return encoded

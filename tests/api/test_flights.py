@@ -114,6 +114,10 @@ def test_a_log_is_shown_as_a_table_and_written_for_other_programs(client):
     assert len(csv.text.splitlines()) == 301
     mcap = client.get(f"{url}/export", params={"format": "mcap"})
     assert mcap.content[:5] == mcap.content[-8:-3] == b"\x89MCAP"
+    again = add(client, "again.mcap", mcap.content, part_bytes=500_000)
+    assert client.get(f"{API}/flights/{again}").json()["firmware"] == "PX4 v1.16.0"
+    assert listed(client)["again.mcap"]["kind"] == "mcap"
+    assert delete(client, again).status_code == 204
     fields = {
         "format": "csv",
         "field": ["all_types:0/float_value", "vehicle_status:0/nav_state"],

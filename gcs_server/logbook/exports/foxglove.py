@@ -40,7 +40,14 @@ _FIX = _schema(
     longitude=_NUMBER,
     altitude={**_NUMBER, "description": "above mean sea level [m]"},
 )
-_LOG = _schema(LOG, timestamp=_TIME, level={"type": "integer"}, message=_TEXT, name=_TEXT)
+_LOG = _schema(
+    LOG,
+    timestamp=_TIME,
+    level={"type": "integer"},
+    message=_TEXT,
+    name=_TEXT,
+    severity={"type": "integer", "description": "MAV_SEVERITY"},
+)
 _TRANSFORM = _schema(
     f"{PREFIX}FrameTransform",
     timestamp=_TIME,
@@ -98,6 +105,7 @@ def _logs(texts: Sequence[Message], start_ns: int) -> Callable[[int, int], list[
                     "level": LEVELS[min(7, max(0, each.severity))],
                     "message": each.text,
                     "name": "",
+                    "severity": each.severity,
                 }
             ).encode()
             for each in texts[first:end]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_server.logbook.log import Log, Span, Times, Topic, VehicleStates
+from gcs_server.logbook.logged_flights import own_topics
 
 Values = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -88,7 +89,8 @@ class Flight:
         self.log, self.states = log, states
         self.is_tlog = log.kind == "tlog"
         self._topics: dict[str, list[Topic]] = {}
-        for topic in log.topics:
+        own = log.topics if self.is_tlog else own_topics(log, states.id)
+        for topic in own:
             if not self.is_tlog or topic.instance.split(".", 1)[0] == states.id:
                 self._topics.setdefault(topic.name, []).append(topic)
         self.air = self._air()

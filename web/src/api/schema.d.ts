@@ -1181,7 +1181,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Begin Upload
-         * @description Begins to add a log from elsewhere (`.ulg`, `.tlog`, `.tlog.gz`); its bytes follow in parts.
+         * @description Begins to add a log from elsewhere (`.ulg`, `.tlog`, `.tlog.gz`, `.mcap`); its bytes follow.
          */
         readonly post: operations["begin_upload_api_v1_flights_uploads_post"];
         readonly delete?: never;
@@ -6485,7 +6485,7 @@ export interface components {
              * @description Kind of the log.
              * @enum {string}
              */
-            readonly kind: "ulog" | "tlog";
+            readonly kind: "ulog" | "tlog" | "mcap";
             /**
              * Bytes
              * @description Size.
@@ -6600,10 +6600,10 @@ export interface components {
         readonly FlightOverview: {
             /**
              * Kind
-             * @description Kind of the log.
+             * @description Kind of the log; of an MCAP file that this program has written, that of the log in it.
              * @enum {string}
              */
-            readonly kind: "ulog" | "tlog";
+            readonly kind: "ulog" | "tlog" | "mcap";
             /**
              * Start Unix S
              * @description Start [s since 1970 UTC]; null: the vehicle did not know the time.
