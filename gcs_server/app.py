@@ -114,6 +114,11 @@ def _simulator(settings: Settings, clock: Clock, folder: DataFolder) -> Simulato
     return SimulatorProcess(clock, command, folder, state=lambda: read_state(folder.px4_sitl))
 
 
+def _streams(settings: Settings, clock: Clock) -> Streams:
+    own_ids = (settings.system_id, STREAM_COMPONENT_ID)
+    return Streams(clock, own_ids, server_silent_limit_s=settings.server_silent_limit_s)
+
+
 def _router(settings: Settings, clock: Clock, supervisor: Supervisor, folder: DataFolder) -> Router:
     own = RouterSettings(
         system_id=settings.system_id,
@@ -183,8 +188,7 @@ class Server:
         self.fleet = Fleet(clock, self.supervisor, self.router)
         hub = Hub(clock, self.fleet)
         self._events = ClientEvents(clock, self.fleet, hub)
-        own_ids = (settings.system_id, STREAM_COMPONENT_ID)
-        streams = Streams(clock, own_ids, server_silent_limit_s=settings.server_silent_limit_s)
+        streams = _streams(settings, clock)
         self.streamer = Streamer(clock, streams, LimitStore(Records(folder.limits), _stored_limits))
         journal = Journal(clock, folder.journal)
         lease_times = LeaseTimes(settings.control_lease_s, settings.control_answer_s)
@@ -226,6 +230,7 @@ class Server:
             elevation_tiles=_elevation_tiles(clock, folder),
             ground_tiles=GroundTiles(clock, self.flights.plan_work, folder.cache / "ground_tiles"),
             logbook=self._logbook(settings, clock, folder, authority, replays),
+            vehicle_files=folder.vehicle_files,
             has_scene=self.scene is not None,
             simulator=self._simulator,
         )

@@ -14,11 +14,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 CLIENT = Path(__file__).resolve().parent.parent / "gcs_server" / "client"
-MODULES = ("aio", "control", "flights", "manual_control", "mission", "offboard", "params", "plans", "vehicle")
+MODULES = (
+    "aio",
+    "control",
+    "files",
+    "flights",
+    "manual_control",
+    "mission",
+    "offboard",
+    "params",
+    "plans",
+    "vehicle",
+)
 TARGET = CLIENT / "blocking.py"
 CLASSES = (
-    "Control", "DryRuns", "Flights", "Gcs", "Gimbal", "Group", "LiveOffboard", "Mission", "MissionModes",
-    "Offboard", "OffboardMission", "Operations", "Params", "Plans", "Sticks", "Vehicle",
+    "Control", "DryRuns", "Files", "Flights", "Gcs", "Gimbal", "Group", "LiveOffboard", "Mission",
+    "MissionModes", "Offboard", "OffboardMission", "Operations", "Params", "Plans", "Sticks", "Vehicle",
 )  # fmt: skip
 ROOT = "Gcs"
 """The class that programs instantiate; it owns the thread of the event loop."""
@@ -43,7 +54,8 @@ from typing import Any
 
 from anyio.from_thread import BlockingPortal
 
-from gcs_server.client import aio, control, flights, manual_control, mission, offboard, params, plans, vehicle
+from gcs_server.client import aio, control, files, flights, manual_control, mission, offboard, params
+from gcs_server.client import plans, vehicle
 from gcs_server.client.aio import Setpoints
 from gcs_server.client.control import OnControlLost
 from gcs_server.client.manual_control import MIDDLE

@@ -26,6 +26,8 @@ DOCUMENT_PATHS = re.compile(rf"/api/v1/({_PLANS}|{_OF_VEHICLE}|flights/uploads/[
 """Routes whose body contains a document (`documents.py`), or a file or a part of one."""
 SETPOINT_PATHS = re.compile(r"/api/v1/(vehicles/[^/]+/offboard/(start|setpoint)|groups(/.+)?)")
 """Routes whose body contains setpoints; a path of 5000 points has 700 kB."""
+FILE_PATHS = re.compile(r"/api/v1/vehicles/[^/]+/files/put")
+"""Routes whose body contains a file as text."""
 LARGE_BODIES = TurnLimits(running=64, running_without_control=32, per_client=8, total=32)
 """Maximum numbers of large bodies that are received or handled at a time."""
 
@@ -59,7 +61,9 @@ class BodyReader:
             await self._app(scope, receive, send)
             return
         has_setpoints = SETPOINT_PATHS.fullmatch(scope["path"]) is not None
-        may_be_large = has_setpoints or DOCUMENT_PATHS.fullmatch(scope["path"]) is not None
+        may_be_large = has_setpoints or any(
+            paths.fullmatch(scope["path"]) is not None for paths in (DOCUMENT_PATHS, FILE_PATHS)
+        )
         if not may_be_large or _declared_size(scope) <= MAX_SMALL_BODY_BYTES:
             await self._handle(client, scope, receive, send, MAX_SMALL_BODY_BYTES)
             return

@@ -16,6 +16,7 @@ from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.flights.flights import Flights
 from gcs_server.logbook.downloads import LogDownloads
+from gcs_server.logbook.file_downloads import FileDownloads
 from gcs_server.logbook.logbook import Logbook
 from gcs_server.maps.sources import MapSources
 from gcs_server.maps.tiles import Tiles
@@ -60,7 +61,10 @@ class Station:
     user_settings: UserSettings
     logbook: Logbook
     """The files of flights, among them the logs that were downloaded from vehicles."""
+    vehicle_files: Path
+    """Folder of the files that were downloaded from vehicles; made when needed."""
     log_downloads: LogDownloads = field(init=False)
+    file_downloads: FileDownloads = field(init=False)
     request_queue: RequestQueue = field(init=False)
     large_setpoints: LargeSetpoints = field(init=False)
     has_scene: bool = False
@@ -76,6 +80,9 @@ class Station:
 
     def __post_init__(self) -> None:
         self.log_downloads = LogDownloads(self.clock, self.logbook, self.fleet.get)
+        self.file_downloads = FileDownloads(
+            self.clock, self.vehicle_files, self.log_downloads.transfers, self.fleet.get
+        )
         self.request_queue = RequestQueue(self.authority.controls_any)
         self.large_setpoints = LargeSetpoints(self.authority.controls_any)
 

@@ -292,6 +292,27 @@ ALL: tuple[Command, ...] = (
         confirmed=True,
         confirm_text="all logs of vehicle {vehicle} are erased",
     ),
+    # above `configure`: what PX4 runs at its start may do all that its console may
+    Command(
+        "files/put",
+        "fly",
+        ("POST /vehicles/{v}/files/put",),
+        "lease",
+        "the vehicle",
+        confirmed=True,
+        confirm_text="{path} is written on vehicle {vehicle}",
+    ),
+    Command(
+        "files/remove",
+        "fly",
+        ("POST /vehicles/{v}/files/remove",),
+        "lease",
+        "the vehicle",
+        confirmed=True,
+        confirm_text="{path} is removed from vehicle {vehicle}",
+    ),
+    Command("files/make_folder", "fly", ("POST /vehicles/{v}/files/make_folder",), "lease", "the vehicle"),
+    Command("files/get", "configure", ("POST /vehicles/{v}/files/get",), "not_anothers", "the vehicle"),
     # control
     _control("take", confirmed=True),
     _control("request"),
@@ -376,6 +397,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/ros2/topics",
         "GET /vehicles/{v}/logs",
         "GET /vehicles/{v}/logs/{file}",
+        "GET /vehicles/{v}/files/{file}",
         "GET /vehicles/{v}/shell",
         "GET /vehicles/{v}/mavlink",
         "GET /vehicles/{v}/mavlink/series",
@@ -390,6 +412,7 @@ ALL: tuple[Command, ...] = (
         "GET /groups",
         "GET /groups/{g}",
     ),
+    _view("files/list", "POST /vehicles/{v}/files/list"),
     _view("param_changes/review", "POST /vehicles/{v}/param_changes/review"),
     _view(
         "plans",

@@ -83,6 +83,11 @@ class DataFolder:
         return self.path / "logs"
 
     @property
+    def vehicle_files(self) -> Path:
+        """Folder of other files that were downloaded from vehicles; the newest are kept."""
+        return self.path / "vehicle_files"
+
+    @property
     def flight_index(self) -> Path:
         """Index of recordings and logs; made again if it is lost."""
         return self.path / "flights.sqlite"

@@ -102,6 +102,7 @@ def new_station(testbed, progress=None):
         ground_tiles=GroundTiles(testbed.clock, PlanWork(Path("no elevation")), Path("no tiles")),
         user_settings=UserSettings(Records(Path("no settings")), lambda values: values),
         logbook=logbook_in(testbed.clock, Path("no logs")),
+        vehicle_files=Path("no files"),
     )
     return station
 

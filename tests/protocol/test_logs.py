@@ -9,7 +9,7 @@ import pytest
 from gcs_server.api import log_routes
 from gcs_server.clock import SystemClock
 from gcs_server.errors import Disconnected, InvalidRequest, LogUnusable, NoReply, Refused
-from gcs_server.logbook import downloads
+from gcs_server.logbook import transfers
 from gcs_server.logbook.downloads import LogDownloads
 from gcs_server.logbook.partial_logs import PartialLogs
 from gcs_server.mavlink import dialect as d
@@ -243,7 +243,7 @@ def cut_off(monkeypatch, share):
 def test_a_download_continues_after_a_lost_link_and_after_a_sudden_end_of_the_server(
     run_simulated, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(downloads, "SAVE_PERIOD_S", 0.0)
+    monkeypatch.setattr(transfers, "SAVE_PERIOD_S", 0.0)
     texts = []
 
     async def scenario(service, autopilot, vehicle):

@@ -1,7 +1,8 @@
-"""Reads files of the vehicle over links that lose packets.
+"""Reads and writes files of the vehicle over links that lose packets.
 
 Operations run one at a time, because PX4 has one session per link. An unanswered request is sent again with
-the same sequence number, so that the vehicle repeats its reply. Nothing is written to the vehicle.
+the same sequence number, so that the vehicle repeats its reply instead of its action. What may be written,
+and when, is decided in `files.py`; only it writes.
 
 The vehicle's replies are untrusted: a transfer has limits of bytes, replies and time, and fails with a reason
 if the vehicle exceeds a limit.
@@ -21,7 +22,9 @@ from gcs_server.mavlink.mailbox import Reply, Waiter
 from gcs_server.vehicle.services import ftp_codec as codec
 from gcs_server.vehicle.services.ftp_codec import DirectoryEntry, FtpError, FtpFailed, Opcode, Packet
 from gcs_server.vehicle.services.ftp_pieces import PartialFile
-from gcs_server.vehicle.services.ftp_transfer import ReportBytes, Transfer, packet_of
+from gcs_server.vehicle.services.ftp_transfer import ReportBytes, Transfer
+from gcs_server.vehicle.services.ftp_upload import Upload
+from gcs_server.vehicle.services.ftp_window import packet_of
 from gcs_server.vehicle.services.port import VehiclePort
 
 FIRST_TIMEOUT_S = 0.25
@@ -36,10 +39,19 @@ MAX_ENTRIES = 10_000
 MIN_BYTES_S, EXTRA_TIME_S = 400, 60.0
 """Minimum average speed of a transfer [bytes/s], and additional time for any file [s]."""
 LIST_TIMEOUT_S = 120.0
+CHANGING = frozenset(
+    {
+        Opcode.CREATE_FILE,
+        Opcode.REMOVE_FILE,
+        Opcode.CREATE_DIRECTORY,
+        Opcode.REMOVE_DIRECTORY,
+        Opcode.RENAME,
+    }
+)
 
 
 class FtpService:
-    """Reads one vehicle's files."""
+    """One vehicle's files."""
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
@@ -137,6 +149,45 @@ class FtpService:
                 if not disconnected:
                     await self._terminate(path, opened.session)
 
+    async def write(self, path: str, content: bytes, progress: ReportBytes | None = None) -> None:
+        """Writes a file; replaces an existing one, of which a failure leaves nothing.
+
+        Args:
+            path: path on the vehicle.
+            content: what is written.
+            progress: called with the progress; what it raises ends the upload.
+
+        Raises:
+            FtpFailed, NoReply, Disconnected: see `read_parts`.
+        """
+        vehicle = self._vehicle
+        vehicle.require("files")
+        async with self._lock:
+            opened = await self._open(path, Opcode.CREATE_FILE)
+            disconnected = False
+            try:
+                upload = Upload(self, vehicle.id, vehicle.clock, path, opened.session, content, progress)
+                async with _time_limit(EXTRA_TIME_S + len(content) / MIN_BYTES_S, path, "Writing"):
+                    await upload.run()
+            except Disconnected:
+                disconnected = True
+                raise
+            finally:
+                if not disconnected:
+                    await self._terminate(path, opened.session)
+
+    async def change(self, request: Packet, path: str, activity: str) -> None:
+        """Sends a request that changes the file system: remove, rename, make a folder.
+
+        Raises:
+            FtpFailed: the vehicle refused.
+            NoReply: no answer came; it may have been done.
+            Disconnected: the vehicle was lost.
+        """
+        self._vehicle.require("files")
+        async with self._lock:
+            await self._request(request, path, activity)
+
     # --- one operation each -------------------------------------------------------------------------
 
     async def _list(self, path: str) -> list[DirectoryEntry]:
@@ -157,12 +208,10 @@ class FtpService:
             offset += count
         return entries
 
-    async def _open(self, path: str) -> Packet:
+    async def _open(self, path: str, opcode: Opcode = Opcode.OPEN_FILE_RO) -> Packet:
         for attempt in range(BUSY_ATTEMPTS):
             try:
-                opened = await self._request(
-                    codec.request(Opcode.OPEN_FILE_RO, 0, path=path), path, "Opening"
-                )
+                opened = await self._request(codec.request(opcode, 0, path=path), path, "Opening")
                 self._may_be_open = True
                 return opened
             except FtpFailed as error:
@@ -211,7 +260,9 @@ class FtpService:
         raise NoReply(
             f"Vehicle {self._vehicle.id} did not answer: {activity.lower()} {path or '/'}.",
             deadline_s=round(_total_timeout_s(attempts), 1),
-            remedy="Check the link; nothing on the vehicle was changed.",
+            remedy="Check the link, then list the folder: it may have been done."
+            if packet.opcode in CHANGING
+            else "Check the link; nothing on the vehicle was changed.",
         )
 
     def expect(self, opcode: Opcode) -> AbstractContextManager[Waiter]:

@@ -28,6 +28,12 @@ class Opcode(enum.IntEnum):
     LIST_DIRECTORY = 3
     OPEN_FILE_RO = 4
     READ_FILE = 5
+    CREATE_FILE = 6
+    WRITE_FILE = 7
+    REMOVE_FILE = 8
+    CREATE_DIRECTORY = 9
+    REMOVE_DIRECTORY = 10
+    RENAME = 13
     CALC_FILE_CRC32 = 14
     BURST_READ_FILE = 15
     ACK = 128
@@ -69,8 +75,8 @@ REMEDIES: dict[int, str] = {
 
 
 class FtpFailed(GcsError):
-    """A file of the vehicle could not be read: the vehicle refused, or its data did not match its own size or
-    checksum."""
+    """A file of the vehicle could not be read or changed: the vehicle refused, or its data did not match its
+    own size or checksum."""
 
     code = "ftp_failed"
 
@@ -134,6 +140,18 @@ def request(opcode: Opcode, sequence: int, *, path: str = "", session: int = 0, 
     if len(data) >= DATA_BYTES or b"\0" in data:
         raise FtpFailed(f"{path!r} is not a valid path of a file on a vehicle.", path=path)
     return Packet(sequence, opcode, session, len(data), offset=offset, data=data)
+
+
+def rename_request(old: str, new: str) -> Packet:
+    """A request with two paths; both must fit into one packet.
+
+    Raises:
+        FtpFailed: they are too long, or contain a NUL.
+    """
+    data = old.encode() + b"\0" + new.encode() + b"\0"
+    if len(data) > DATA_BYTES or data.count(b"\0") != 2:
+        raise FtpFailed(f"{new!r} is not a valid path of a file on a vehicle.", path=new)
+    return Packet(0, Opcode.RENAME, 0, len(data), data=data)
 
 
 def refusal(packet: Packet, path: str, activity: str) -> FtpFailed:

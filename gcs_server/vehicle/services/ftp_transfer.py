@@ -6,17 +6,13 @@ The vehicle's replies are untrusted: a transfer has a limit of replies, and ends
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Iterator
 
 from gcs_server.clock import Clock
-from gcs_server.errors import NoReply
-from gcs_server.mavlink.mailbox import Reply, Waiter
 from gcs_server.vehicle.services import ftp_codec as codec
 from gcs_server.vehicle.services.ftp_codec import FtpError, FtpFailed, Opcode, Packet
 from gcs_server.vehicle.services.ftp_pieces import PartialFile
+from gcs_server.vehicle.services.ftp_window import RequestWindow, Session, packet_of
 
 BURST_SILENCE_S = 0.6
 """Time without a reply after which a burst has ended, or its last packet was lost [s]."""
@@ -27,15 +23,6 @@ MAX_HOLES = 1024
 """With so many lost parts they are requested before the next burst."""
 MAX_AHEAD = 4096
 """A reply belongs to a burst if its number differs from the newest by at most this."""
-WINDOW = 8
-"""Requests under way; the first reply is awaited alone. PX4 handles one after the other."""
-PASSED = 3
-"""A request is repeated at once when so many later ones were answered."""
-FIRST_TIMEOUT_S, MIN_TIMEOUT_S, MAX_TIMEOUT_S = 0.25, 0.1, 1.5
-"""Time until a request is repeated; then three times the usual time of an answer, within these limits [s]."""
-SILENCE_S = 12.0
-"""Without any reply for this time the vehicle has stopped answering [s]; with 20 % of the packets lost each
-way, of some fifty requests none is answered once in 10^22 times."""
 REPLIES_PER_FULL_PIECE, EXTRA_REPLIES = 16, 256
 """Maximum number of replies per 239 bytes of a file (with 20 % loss, two replies are needed), and additional
 replies for any file."""
@@ -44,29 +31,6 @@ YIELD_AFTER_REPLIES = 32
 
 ReportBytes = Callable[[int, int], None]
 """Called with (bytes received, total bytes); an error that it raises ends the transfer."""
-
-
-class Session(Protocol):
-    """What a transfer uses of the client that has opened the file."""
-
-    sequence: int
-    """Number of the last request."""
-    supports_burst: bool
-
-    def take_sequence(self) -> int: ...
-    def send(self, packet: Packet) -> None: ...
-    def expect(self, opcode: Opcode) -> AbstractContextManager[Waiter]: ...
-
-
-@dataclass(slots=True)
-class _Request:
-    """A request under way."""
-
-    packet: Packet
-    sent_s: float
-    repeated: bool = False
-    passed: int = 0
-    """Number of later requests that were answered."""
 
 
 class Transfer:
@@ -92,12 +56,13 @@ class Transfer:
         file: PartialFile,
         progress: ReportBytes | None,
     ) -> None:
-        self._client, self._vehicle_id, self._clock = client, vehicle_id, clock
+        self._client = client
         self._path, self._session, self._file = path, session, file
         self._progress = progress
         missing = file.size - file.received
         self._replies_left = EXTRA_REPLIES + REPLIES_PER_FULL_PIECE * (missing // codec.DATA_BYTES)
-        self._timeout_s = FIRST_TIMEOUT_S
+        silent = f"Vehicle {vehicle_id} did not answer: reading {path}."
+        self._window = RequestWindow(client, clock, silent)
 
     async def run(self) -> None:
         """Reads what is missing.
@@ -176,54 +141,15 @@ class Transfer:
 
     async def _read_before(self, before: int) -> None:
         """Reads the missing parts that begin before an offset, several pieces at a time."""
-        under_way: dict[int, _Request] = {}  # by the number of the reply, in the order of sending
-        window, heard_s = 1, self._clock.monotonic_s()
-        with self._client.expect(Opcode.READ_FILE) as waiter:
-            while True:
-                self._request(under_way, window, before)
-                if not under_way:
-                    return
-                reply = await self._next(waiter, under_way)
-                if reply is not None:
-                    await self._count_reply()
-                    if (request := under_way.pop(reply.sequence, None)) is not None:
-                        heard_s = self._clock.monotonic_s()
-                        self._take(reply, request, heard_s)
-                        _count_passed(under_way, request)
-                        window = min(window + 1, WINDOW)
-                self._repeat(under_way)
-                if self._clock.monotonic_s() - heard_s > SILENCE_S:
-                    raise NoReply(
-                        f"Vehicle {self._vehicle_id} did not answer: reading {self._path}.",
-                        deadline_s=SILENCE_S,
-                        remedy="Check the link; nothing on the vehicle was changed.",
-                    )
 
-    def _request(self, under_way: dict[int, _Request], window: int, before: int) -> None:
-        starts = {request.packet.offset for request in under_way.values()}
-        if len(starts) >= window:
-            return
-        for start, end in self._file.missing_pieces(codec.DATA_BYTES, before):
-            if start in starts:
-                continue
-            sequence = self._client.take_sequence()
-            packet = Packet(sequence, Opcode.READ_FILE, self._session, end - start, offset=start)
-            under_way[(sequence + 1) & 0xFFFF] = _Request(packet, self._clock.monotonic_s())
-            self._client.send(packet)
-            if len(under_way) >= window:
-                return
+        def missing() -> Iterator[Packet]:
+            for start, end in self._file.missing_pieces(codec.DATA_BYTES, before):
+                yield Packet(0, Opcode.READ_FILE, self._session, end - start, offset=start)
 
-    async def _next(self, waiter: Waiter, under_way: dict[int, _Request]) -> Packet | None:
-        """The next reply; None: a request is to be repeated."""
-        first_s = min(request.sent_s for request in under_way.values())
-        try:
-            async with asyncio.timeout(max(0.0, first_s + self._timeout_s - self._clock.monotonic_s())):
-                return packet_of(await waiter.next())
-        except TimeoutError:
-            return None
+        await self._window.run(Opcode.READ_FILE, missing, self._take, self._count_reply)
 
-    def _take(self, reply: Packet, request: _Request, now_s: float) -> None:
-        start, size = request.packet.offset, request.packet.size
+    def _take(self, reply: Packet, request: Packet) -> None:
+        start, size = request.offset, request.size
         if reply.opcode == Opcode.NAK:
             error = codec.refusal(reply, self._path, "Reading")
             raise self._ended_early() if error.ftp_error == FtpError.END_OF_FILE else error
@@ -235,20 +161,8 @@ class Transfer:
             )
         if not reply.data:
             raise self._ended_early()
-        if not request.repeated:
-            usual_s = min(max(3.0 * (now_s - request.sent_s), MIN_TIMEOUT_S), MAX_TIMEOUT_S)
-            self._timeout_s += 0.25 * (usual_s - self._timeout_s)
         if self._file.put(start, reply.data[:size]):
             self._report()
-
-    def _repeat(self, under_way: dict[int, _Request]) -> None:
-        """Sends requests again, with their numbers, so that the vehicle repeats its reply."""
-        now_s = self._clock.monotonic_s()
-        for number, request in list(under_way.items()):
-            if request.passed >= PASSED or now_s - request.sent_s >= self._timeout_s:
-                del under_way[number]
-                under_way[number] = _Request(request.packet, now_s, repeated=True)
-                self._client.send(request.packet)
 
     # --- both -----------------------------------------------------------------------------------------
 
@@ -272,14 +186,3 @@ class Transfer:
         return FtpFailed(
             f"Reading {self._path}: the file ended before its {self._file.size:,} bytes.", path=self._path
         )
-
-
-def packet_of(message: Reply) -> Packet | None:
-    """The FTP packet of a message; None: it has none."""
-    return codec.decode(bytes(message.payload))
-
-
-def _count_passed(under_way: dict[int, _Request], answered: _Request) -> None:
-    for request in under_way.values():
-        if request.sent_s <= answered.sent_s and not answered.repeated:
-            request.passed += 1

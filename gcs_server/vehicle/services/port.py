@@ -18,7 +18,7 @@ from gcs_server.vehicle.px4.modes import ModeNames
 from gcs_server.vehicle.reach import Feature
 from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.samples import Sample, Status
-from gcs_server.vehicle.services.ftp_codec import DirectoryEntry
+from gcs_server.vehicle.services.ftp_codec import DirectoryEntry, Packet
 from gcs_server.vehicle.services.ftp_pieces import PartialFile
 from gcs_server.vehicle.tickets import Tickets
 
@@ -46,6 +46,12 @@ class Files(Protocol):
         file_of: Callable[[int], PartialFile],
         progress: Callable[[int, int], None] | None = None,
     ) -> None: ...
+    async def read(self, path: str, *, max_bytes: int = ...) -> bytes: ...
+    async def crc32(self, path: str, *, wait_s: float = 0.0) -> int: ...
+    async def write(
+        self, path: str, content: bytes, progress: Callable[[int, int], None] | None = None
+    ) -> None: ...
+    async def change(self, request: Packet, path: str, activity: str) -> None: ...
 
 
 class VehiclePort(Protocol):

@@ -4,6 +4,7 @@ and a row here; routes reach it by `vehicle.service(LogService)`."""
 from __future__ import annotations
 
 from gcs_server.vehicle.services.camera import CameraService
+from gcs_server.vehicle.services.files import VehicleFiles
 from gcs_server.vehicle.services.gimbal_setup import GimbalSetupService
 from gcs_server.vehicle.services.inspector import MessageInspector
 from gcs_server.vehicle.services.logs import LogService
@@ -23,4 +24,5 @@ SERVICES = (
     RawMessages,
     RestartService,
     ShellService,
+    VehicleFiles,
 )

@@ -118,6 +118,7 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         "guide": "b",
         "console": "s",
         "inspector": "Shift+X",
+        "files": "Shift+B",
         "measure": "d",
         "search": "Control+k",
     }

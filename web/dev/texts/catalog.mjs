@@ -11,7 +11,7 @@ const SERVER = /^server/;
 
 /** Catalog by path: the first that fits. A text that two of them need is in `shared`. */
 const AREAS = [
-  ['vehicle-room', /^src\/features\/(vehicle-room|params|shell|topics|simulator|gimbal\/setup)\//],
+  ['vehicle-room', /^src\/features\/(vehicle-room|params|shell|files|topics|simulator|gimbal\/setup)\//],
   ['plan-offboard', /^src\/features\/plan\/offboard\//],
   ['plan', /^src\/features\/plan\//],
   ['offboard', /^src\/(features\/offboard\/|vehicle\/)/],

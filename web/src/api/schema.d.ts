@@ -1103,6 +1103,139 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/files/list": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * List Folder
+         * @description Lists a folder on the vehicle. `danger` says what hangs on a file: `startup` (PX4 runs or reads it as
+         *     it starts), `parameters`, `missions` (mission, fence, rally points), `log`, `firmware` (flashed onto other
+         *     devices), `device` (no file; refused).
+         */
+        readonly post: operations["list_folder_api_v1_vehicles__v__files_list_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/files/get": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Get File
+         * @description Downloads a file to the server: an operation, which can be followed and cancelled.
+         *
+         *     It waits while another file or log is downloaded, or up to ten minutes for a lost vehicle; the next one
+         *     continues what an earlier one has received. Its result has the id `file` for `GET …/files/{file}`,
+         *     `name`, `size_bytes` and `verified` (`crc32`: the vehicle's checksum is equal; `size`: it gave none).
+         *     The server keeps the newest hundred files, at most 1 GB. Refused while the vehicle is armed; ends when it
+         *     is armed.
+         */
+        readonly post: operations["get_file_api_v1_vehicles__v__files_get_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/files/put": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Put File
+         * @description Writes a file to the vehicle: an operation, which can be followed and cancelled. Needs control; refused
+         *     while the vehicle is armed, and ends when it is armed.
+         *
+         *     The content is written beside an existing file, compared by its checksum, and then takes its place; what
+         *     ends early leaves the existing file as it was.
+         */
+        readonly post: operations["put_file_api_v1_vehicles__v__files_put_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/files/remove": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Remove File
+         * @description Removes a file, or an empty folder, from the vehicle. Needs control; refused while the vehicle is
+         *     armed.
+         */
+        readonly post: operations["remove_file_api_v1_vehicles__v__files_remove_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/files/make_folder": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Make Folder
+         * @description Makes a folder on the vehicle. Needs control; refused while the vehicle is armed.
+         */
+        readonly post: operations["make_folder_api_v1_vehicles__v__files_make_folder_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/files/{file}": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Downloaded File
+         * @description A file that was downloaded from the vehicle.
+         */
+        readonly get: operations["downloaded_file_api_v1_vehicles__v__files__file__get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/flights/{f}/table": {
         readonly parameters: {
             readonly query?: never;
@@ -6357,6 +6490,18 @@ export interface components {
             readonly axis_ned_rad: number;
         };
         /**
+         * FilePath
+         * @description A file or folder on a vehicle.
+         */
+        readonly FilePath: {
+            /**
+             * Path
+             * @description Path as the vehicle's list shows it, at most 200 bytes, without `.` and `..`.
+             * @example /fs/microsd/etc
+             */
+            readonly path?: string;
+        };
+        /**
          * FindingModel
          * @description One problem of a plan.
          */
@@ -11425,6 +11570,17 @@ export interface components {
             readonly mode: number | null;
         };
         /**
+         * NewFolder
+         * @description A folder that is made on a vehicle.
+         */
+        readonly NewFolder: {
+            /**
+             * Path
+             * @description Its path, at most 110 bytes.
+             */
+            readonly path: string;
+        };
+        /**
          * NewMapSource
          * @description A source of the operator's own.
          * @example {
@@ -14575,6 +14731,22 @@ export interface components {
             readonly defer_failsafes_s?: number;
         };
         /**
+         * RemovedFile
+         * @description A file or empty folder that is removed from a vehicle.
+         */
+        readonly RemovedFile: {
+            /**
+             * Path
+             * @description Its path, at most 110 bytes.
+             */
+            readonly path: string;
+            /**
+             * Confirm
+             * @description Exactly `{path} is removed from vehicle {vehicle}`.
+             */
+            readonly confirm: string;
+        };
+        /**
          * RemovedFlight
          * @description A file that was deleted to make room.
          */
@@ -17434,6 +17606,53 @@ export interface components {
             readonly offboard: components["schemas"]["OffboardStatus"] | null;
         };
         /**
+         * VehicleFileEntry
+         * @description One entry of a folder on the vehicle.
+         */
+        readonly VehicleFileEntry: {
+            /**
+             * Name
+             * @description Name in the folder.
+             */
+            readonly name: string;
+            /**
+             * Path
+             * @description Path on the vehicle.
+             */
+            readonly path: string;
+            /**
+             * Size Bytes
+             * @description Size [bytes]; null: a folder.
+             */
+            readonly size_bytes: number | null;
+            /**
+             * Danger
+             * @description What hangs on it; null: nothing that is known.
+             */
+            readonly danger: ("startup" | "parameters" | "missions" | "log" | "firmware" | "device") | null;
+        };
+        /**
+         * VehicleFolder
+         * @description A folder on the vehicle.
+         */
+        readonly VehicleFolder: {
+            /**
+             * Path
+             * @description Path on the vehicle, without a slash at its end.
+             */
+            readonly path: string;
+            /**
+             * Danger
+             * @description What hangs on files written here; null: nothing that is known.
+             */
+            readonly danger: ("startup" | "parameters" | "missions" | "log" | "firmware" | "device") | null;
+            /**
+             * Entries
+             * @description Folders first, by name.
+             */
+            readonly entries: readonly components["schemas"]["VehicleFileEntry"][];
+        };
+        /**
          * VehicleLimits
          * @description Limits from the vehicle's parameters; None: unknown, or the limit is off.
          */
@@ -18300,6 +18519,27 @@ export interface components {
              * @description Number of its other layers.
              */
             readonly others: number;
+        };
+        /**
+         * WrittenFile
+         * @description A file that is written to a vehicle.
+         */
+        readonly WrittenFile: {
+            /**
+             * Path
+             * @description Its path, at most 110 bytes; the folder exists.
+             */
+            readonly path: string;
+            /**
+             * Content Base64
+             * @description Content, at most 700,000 bytes, as base64.
+             */
+            readonly content_base64: string;
+            /**
+             * Confirm
+             * @description Exactly `{path} is written on vehicle {vehicle}`.
+             */
+            readonly confirm: string;
         };
         /**
          * WrittenParam
@@ -22184,6 +22424,375 @@ export interface operations {
                 content: {
                     readonly "application/json": components["schemas"]["Operation"];
                 };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly list_folder_api_v1_vehicles__v__files_list_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["FilePath"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["VehicleFolder"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly get_file_api_v1_vehicles__v__files_get_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["FilePath"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 202: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Operation"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly put_file_api_v1_vehicles__v__files_put_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["WrittenFile"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 202: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Operation"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly remove_file_api_v1_vehicles__v__files_remove_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["RemovedFile"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly make_folder_api_v1_vehicles__v__files_make_folder_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["NewFolder"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly downloaded_file_api_v1_vehicles__v__files__file__get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+                readonly file: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];

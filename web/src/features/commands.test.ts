@@ -41,6 +41,7 @@ const { control } = await import('./control/controllers');
 const { paramPanel } = await import('./params/controllers');
 const { shellPanel } = await import('./shell/controllers');
 const { messageForm } = await import('./inspector/controllers');
+const { vehicleFiles } = await import('./files/controllers');
 const { readinessPanel } = await import('./readiness/controllers');
 const { BATCH_ACTIONS, batchCommand } = await import('./vehicles/batch');
 const { vehicleList } = await import('./vehicles/controllers');
@@ -81,6 +82,8 @@ const OFFER = {
 const MODE = { name: 'Survey', mode: 'external_1', mission: 'Test', version: 1, takes_off: true, defer_failsafes_s: 0 } as never;
 const REQUEST = { key: 'other', client: 'Other', reason: null, answer_left_s: 3 } as never;
 const inputs = () => ({ findings: [], acceptedErrors: [], time_s: null });
+const fileDraft = (vehicle: string, kind: 'put' | 'remove') =>
+  ({ vehicle, kind, path: '/a', existing: null, danger: null, content_base64: '', size_bytes: 0 }) as const;
 const stateNow = () => ({ inAir: page.factsNow('1')?.inAir ?? true, current: 1 });
 
 interface PageCommand {
@@ -189,6 +192,10 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
     click: (facts) => messageForm.send(page.api, { vehicle: facts.id, message: 'PING', fields: { seq: 1 }, whileArmed: true }),
   },
   'send a line to the console': { click: (facts) => shellPanel.send(page.api, facts.id, 'gimbal status', true) },
+  'write a file': { click: (facts) => vehicleFiles.confirm(page.api, fileDraft(facts.id, 'put')) },
+  'remove a file': { click: (facts) => vehicleFiles.confirm(page.api, fileDraft(facts.id, 'remove')) },
+  'get a file': { click: (facts) => vehicleFiles.get(page.api, facts.id, '/a') },
+  'make a folder': { click: (facts) => vehicleFiles.makeFolder(page.api, facts.id, '/b') },
   'set a parameter': { click: (facts) => paramPanel.set(page.api, facts.id, 'MPC_XY_CRUISE', 3) },
   'switch to a ready mode': { click: (facts) => readinessPanel.switchMode(page.api, facts.id, 'hold') },
   'run the checks': { click: (facts) => readinessPanel.check(page.api, facts.id) },
@@ -394,6 +401,7 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
 
 /** Requests that change nothing: the server computes or compares, or reads from the vehicle again; and the page's own settings. */
 const COMPUTING = new Set([
+  '/vehicles/{v}/files/list',
   '/elevation/regions/size',
   '/settings',
   '/map_regions/size',
@@ -424,6 +432,8 @@ function viewOfOther(): string {
     shellPanel.problemOf('2'),
     messageForm.problemOf('2'),
     messageForm.resultOf('2'),
+    vehicleFiles.problemOf('2'),
+    vehicleFiles.doneOf('2'),
     readinessPanel.problemOf('2'),
     vehicleMission.problem,
     vehicleMission.missionView?.vehicle ?? '2',

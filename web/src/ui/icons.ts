@@ -3,6 +3,7 @@
 export const ICONS = {
   up: 'M12 19V7M7 12l5-5 5 5M5 21h14',
   terminal: 'M4 5h16v14H4zM7.5 9l3 3-3 3M12.5 15h4',
+  folder: 'M3 7h6l2 2h10v10H3z',
   list: 'M4 6h16M4 12h16M4 18h16',
   down: 'M12 3v12M7 10l5 5 5-5M5 20h14',
   home: 'M4 12l8-7 8 7M7 10v9h10v-9',

@@ -65,6 +65,7 @@ def test_commands_that_change_a_flight_are_journaled():
     } & not_journaled
     assert changing_commands == {
         "control/renew",
+        "files/list",
         "flights/add_part",
         "flights/rerun",
         "maps",

@@ -4,11 +4,9 @@ import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
 import { CommandGate, DOUBLE_CLICK } from '../../app/actions/command.svelte';
+import { follow, type Operation } from '../../app/follow';
 
 export type VehicleLog = components['schemas']['LogView'];
-type Operation = components['schemas']['Operation'];
-
-const POLL_MS = 500;
 
 export class VehicleLogs {
   private list = $state.raw<{ readonly vehicle: string; readonly logs: readonly VehicleLog[] } | null>(null);
@@ -58,15 +56,13 @@ export class VehicleLogs {
       if (outcome.problem.code !== DOUBLE_CLICK) this.lastProblem = { vehicle, problem: outcome.problem };
       return;
     }
-    let current: Operation = outcome.value;
-    this.operation = current;
-    while (current.state === 'running') {
-      await new Promise((resolve) => setTimeout(resolve, POLL_MS));
-      const response = await api.get('/operations/{o}', { params: { path: { o: current.id } } });
-      if (this.operation?.id !== current.id) return;
-      if (!response.ok) break;
-      this.operation = current = response.value;
-    }
+    this.operation = outcome.value;
+    const current = await follow(api, outcome.value, (operation) => {
+      if (this.operation?.id !== operation.id) return false;
+      this.operation = operation;
+      return true;
+    });
+    if (this.operation.id !== current.id) return;
     const { state, error, result } = current;
     if (error !== null) this.lastProblem = { vehicle, problem: error };
     if (this.list?.vehicle !== vehicle) return;
