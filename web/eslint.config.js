@@ -11,7 +11,8 @@ const LAYERS = {
   live: ['api'],
   vehicle: ['ui', 'api', 'live'],
   app: ['ui', 'api', 'live', 'vehicle'],
-  feature: ['ui', 'api', 'live', 'vehicle', 'app'],
+  plots: ['ui', 'api', 'live', 'vehicle', 'app'],
+  feature: ['ui', 'api', 'live', 'vehicle', 'app', 'plots'],
 };
 
 /** The files that each layer may import from itself: all files; a feature: only the files of the same feature. */
@@ -48,7 +49,7 @@ export default ts.config(
     settings: {
       'import/resolver': { typescript: { project: './tsconfig.json' } },
       'boundaries/elements': [
-        ...['ui', 'api', 'live', 'vehicle', 'app'].map((type) => ({ type, pattern: `src/${type}` })),
+        ...['ui', 'api', 'live', 'vehicle', 'app', 'plots'].map((type) => ({ type, pattern: `src/${type}` })),
         { type: 'feature', pattern: 'src/features/*', capture: ['name'] },
       ],
     },

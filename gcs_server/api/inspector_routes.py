@@ -16,10 +16,11 @@ from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.control.commands import BY_NAME
+from gcs_server.logbook.expressions import MAX_LENGTH
+from gcs_server.logbook.live import LiveSeries, LiveValues, live_values
 from gcs_server.mavlink import definitions
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.inspector import (
-    FieldSeries,
     MessageInspector,
     Received,
     ReceivedLoss,
@@ -37,13 +38,14 @@ ReceivedModel = model_of(
     messages=tuple[ReceivedMessageModel, ...],
     loss=tuple[ReceivedLossModel, ...],
 )
-FieldSeriesModel = model_of(FieldSeries, "FieldSeries")
+LiveSeriesModel = model_of(LiveSeries, "LiveSeries")
+LiveValuesModel = model_of(LiveValues, "LiveValues", series=tuple[LiveSeriesModel, ...])
 EnumValueModel = model_of(definitions.EnumValue, "EnumValue")
 MessageFieldModel = model_of(definitions.MessageField, "MessageField", values=tuple[EnumValueModel, ...])
 MessageDefinitionModel = model_of(
     definitions.MessageDefinition, "MessageDefinition", fields=tuple[MessageFieldModel, ...]
 )
-MAX_FIELDS = 16
+MAX_FIELDS = 32
 Scalar = float | int | str | None
 
 
@@ -101,25 +103,29 @@ async def received(vehicle: VehicleDep) -> Response:
     return json_response(vehicle.service(MessageInspector).received())
 
 
-@router.get("/vehicles/{v}/mavlink/series", response_model=FieldSeriesModel)
+@router.get("/vehicles/{v}/mavlink/series", response_model=LiveValuesModel)
 async def series(
     vehicle: VehicleDep,
-    message: Annotated[str, Query(max_length=60, description="Name of the message.")],
     field: Annotated[
-        list[Annotated[str, Field(max_length=60)]],
+        list[Annotated[str, Field(max_length=MAX_LENGTH)]],
         Query(
-            min_length=1, max_length=MAX_FIELDS, description="`name` or `name[index]`; repeated for several."
+            min_length=1,
+            max_length=MAX_FIELDS,
+            description="`message:system.component/name`, `name[index]` of an array, or an expression with "
+            "such names in braces; repeated for several.",
         ),
     ],
-    component: Annotated[int, Query(ge=0, le=255, description="Component that sends it.")] = 1,
-    after_s: Annotated[
-        float,
-        Query(ge=0, le=1e12, description="Time of the last value that the client has; 0: all that is kept."),
-    ] = 0.0,
+    after: Annotated[
+        int, Query(ge=0, le=2**53, description="`after` of the last answer; 0: all that is kept.")
+    ] = 0,
 ) -> Response:
-    """All values of fields of one message, at its full rate: those that arrived after `after_s`. The server
-    keeps the newest 4,000 messages from the first request on, of at most eight kinds, while it is asked."""
-    return json_response(vehicle.service(MessageInspector).series(message, component, field, after_s))
+    """All values of numbers of the vehicle's messages at their full rate, those that arrived since an answer;
+    of a message with several instances (batteries) those of one by `message:system.component.instance`. The
+    same expressions as in a log. The server keeps messages from the first request on, while it is asked: the
+    newest 500 of each of 64 kinds. An answer has the values of at most 1,500 messages, and `more` if there
+    are others."""
+    inspector = vehicle.service(MessageInspector)
+    return json_response(live_values(inspector, vehicle.identity.system_id, field, after))
 
 
 @router.post("/vehicles/{v}/mavlink/send", response_model=RawMessageAnswer)

@@ -88,6 +88,20 @@ def used_fields(text: str) -> list[str]:
     return _FIELD.findall(text)
 
 
+def names_of(text: str) -> list[str]:
+    """The fields of an expression, each once; the first is that whose times its values have.
+
+    Raises:
+        UnknownField: it is too long, or has too many fields or none.
+    """
+    if len(text) > MAX_LENGTH:
+        raise UnknownField(f"an expression has at most {MAX_LENGTH} characters")
+    names = list(dict.fromkeys(used_fields(text)))
+    if not names or len(names) > MAX_FIELDS:
+        raise UnknownField(f"an expression has 1 to {MAX_FIELDS} fields in braces")
+    return names
+
+
 def evaluate(text: str, read: Read) -> tuple[Times, Values, str | None]:
     """Times, values and unit of an expression.
 
@@ -98,17 +112,9 @@ def evaluate(text: str, read: Read) -> tuple[Times, Values, str | None]:
     Raises:
         UnknownField: the expression is invalid, or a field is not known; the text says what is wrong.
     """
-    if len(text) > MAX_LENGTH:
-        raise UnknownField(f"an expression has at most {MAX_LENGTH} characters")
-    names: list[str] = []
-
-    def placeholder(match: re.Match[str]) -> str:
-        if match[1] not in names:
-            names.append(match[1])
-        return f" field_{names.index(match[1])} "
-
-    source = _FIELD.sub(placeholder, text)
-    if not names or len(names) > MAX_FIELDS or "{" in source:
+    names = names_of(text)
+    source = _FIELD.sub(lambda match: f" field_{names.index(match[1])} ", text)
+    if "{" in source:
         raise UnknownField(f"an expression has 1 to {MAX_FIELDS} fields in braces")
     try:
         tree = ast.parse(source.strip(), mode="eval")

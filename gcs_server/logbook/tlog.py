@@ -26,6 +26,7 @@ from gcs_server.logbook.states import heartbeat_states
 from gcs_server.logbook.units import mavlink_unit
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, FrameParser
+from gcs_server.mavlink.definitions import instance_in
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.replay.records import Batch, Cursor, open_log, read_batch
 from gcs_server.vehicle.identity import read_version
@@ -80,9 +81,8 @@ class _Reader:
             return
         size = layout.unpacker.size
         payload = frame.payload[:size].ljust(size, b"\0")
-        offset = getattr(layout.message_class, "instance_offset", -1)
-        named = layout.message_class.instance_field is not None and 0 <= offset < size
-        key = (frame.msg_id, frame.system_id, frame.component_id, payload[offset] if named else -1)
+        instance = instance_in(layout, payload)
+        key = (frame.msg_id, frame.system_id, frame.component_id, -1 if instance is None else instance)
         buffer = self.buffers.get(key)
         if buffer is None:
             if len(self.buffers) >= 2 * MAX_TOPICS:

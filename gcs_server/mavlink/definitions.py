@@ -97,6 +97,19 @@ def _values(enum: str | None) -> tuple[EnumValue, ...]:
     )
 
 
+def instance_of(frame: Frame) -> int | None:
+    """What a message is of, such as the number of a battery; None: the dialect names no such field."""
+    layout = LAYOUTS.get(frame.msg_id)
+    return None if layout is None else instance_in(layout, full_payload(frame))
+
+
+def instance_in(layout: Layout, payload: bytes) -> int | None:
+    """What the message with this payload in full length is of; None: the dialect names no such field."""
+    offset: int = getattr(layout.message_class, "instance_offset", -1)
+    named = layout.message_class.instance_field is not None and 0 <= offset < len(payload)
+    return payload[offset] if named else None
+
+
 def values_of(frame: Frame) -> dict[str, Value]:
     """The fields of a frame as they came, in the dialect's order; a number that is not finite is None, a text
     ends before its first zero byte."""

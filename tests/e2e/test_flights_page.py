@@ -58,7 +58,7 @@ def test_a_log_is_added_plotted_and_deleted(browser: Browser, server_url: str, t
         expect(page.get_by_role("region", name="Pane 2")).to_contain_text("double_value")
         page.get_by_role("radio", name="Messages").click()
         page.get_by_role("button", name=re.compile("Low battery")).click()
-        slider = page.get_by_role("slider", name="Time in the log")
+        slider = page.get_by_role("slider", name="Time of the plots")
         expect(slider).to_have_attribute("aria-valuetext", re.compile(r"^6\.00 s"))
         expect(pane.locator("b")).to_have_text(re.compile(r"^−0\.279"))  # sin(6.0)
         slider.focus()
@@ -94,7 +94,7 @@ def test_a_part_of_a_flight_is_flown_again_with_a_change(
         fly = panel.get_by_role("button", name=re.compile("Fly again from"))
         fly.click()
         expect(panel.get_by_role("alert")).to_contain_text("not in the air")
-        slider = page.get_by_role("slider", name="Time in the log")
+        slider = page.get_by_role("slider", name="Time of the plots")
         slider.focus()
         for _ in range(100):
             if float(re.findall(r"from ([\d.]+)", fly.inner_text())[0]) >= step_s - 1.0:

@@ -2,13 +2,17 @@
 messages that a person writes."""
 
 import asyncio
+from types import SimpleNamespace
 
 import pytest
 
 from gcs_server.api import inspector_routes
 from gcs_server.control.commands import BY_CALL
 from gcs_server.errors import InvalidRequest, Refused
+from gcs_server.logbook import live as live_module
+from gcs_server.logbook.live import live_values
 from gcs_server.mavlink import dialect as d
+from gcs_server.mavlink.codec import Frame, encode_frame
 from gcs_server.mavlink.definitions import IDS, definition, payload_of
 from gcs_server.mavlink.tables import LAYOUTS
 from gcs_server.vehicle.services import inspector as inspector_module
@@ -18,6 +22,8 @@ from gcs_server.vehicle.services.raw_messages import RawMessages
 from tests.protocol.api_calls import ANNA, journal_entries, json_of, run_with_routes
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
+
+ROLL = "ATTITUDE:1.1/roll"
 
 
 def run_with_inspector(run_simulated, scenario, *, loss=0.0):
@@ -83,37 +89,140 @@ def test_nothing_is_counted_while_nobody_looks(run_simulated):
     run_with_inspector(run_simulated, scenario)
 
 
-def test_a_plotted_field_has_every_value_and_what_is_kept_is_bounded(run_simulated, monkeypatch):
+def live(inspector, *fields, after=0):
+    return live_values(inspector, 1, fields, after)
+
+
+def test_a_plotted_field_has_every_value_once_and_what_is_kept_is_bounded(run_simulated, monkeypatch):
     monkeypatch.setattr(inspector_module, "MAX_MESSAGES", 5)
     monkeypatch.setattr(inspector_module, "MAX_FOLLOWED", 2)
 
     async def scenario(vehicle, inspector, autopilot):
-        inspector.series("ATTITUDE", 1, ["roll"], 0.0)
+        live(inspector, ROLL)
         await asyncio.sleep(2)
-        first = inspector.series("ATTITUDE", 1, ["roll", "yaw"], 0.0)
-        assert len(first.times_s) > 10
-        assert len(first.values["roll"]) == len(first.values["yaw"]) == len(first.times_s)
+        first = live(inspector, ROLL, "ATTITUDE:1.1/yaw")
+        roll, yaw = first.series
+        assert len(roll.t_s) > 10
+        assert len(roll.values) == len(yaw.values) == len(roll.t_s)
+        assert (roll.unit, roll.gap, first.more) == ("rad", False, False)
         await asyncio.sleep(1)
-        then = inspector.series("ATTITUDE", 1, ["roll"], first.times_s[-1])
-        assert then.times_s
-        assert then.times_s[0] > first.times_s[-1]
-        servo = inspector.series("SERVO_OUTPUT_RAW", 1, ["servo1_raw"], 0.0)
-        assert servo.times_s == [] or servo.values["servo1_raw"]
-        inspector.series("BATTERY_STATUS", 1, ["voltages[0]"], 0.0)
+        then = live(inspector, ROLL, after=first.after)
+        assert then.series[0].t_s[0] > roll.t_s[-1]
+        whole = live(inspector, ROLL)
+        assert whole.series[0].t_s == [*roll.t_s, *then.series[0].t_s]
+        live(inspector, "SERVO_OUTPUT_RAW:1.1/servo1_raw")
+        live(inspector, "BATTERY_STATUS:1.1/voltages[0]")
         assert len(inspector._followed) == 2
-        for message, field in (
-            ("ATTITUDE", "rol"),
-            ("ATTITUDE", "roll[0]"),
-            ("BATTERY_STATUS", "voltages"),
-            ("BATTERY_STATUS", "voltages[10]"),
-            ("STATUSTEXT", "text"),
-            ("NO_MESSAGE", "roll"),
-        ):
-            with pytest.raises(InvalidRequest):
-                inspector.series(message, 1, [field], 0.0)
         received = inspector.received()
+        assert received.system == 1
         assert len(received.messages) == 5
         assert received.left_out > 0
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_a_wrong_number_or_sender_is_named(run_simulated):
+    async def scenario(vehicle, inspector, autopilot):
+        for field, text in (
+            ("ATTITUDE:1.1/rol", "no number"),
+            ("ATTITUDE:1.1/roll[0]", "no number"),
+            ("BATTERY_STATUS:1.1/voltages", "no number"),
+            ("BATTERY_STATUS:1.1/voltages[10]", "no number"),
+            ("STATUSTEXT:1.1/text", "no number"),
+            ("NO_MESSAGE:1.1/roll", "no message"),
+            ("ATTITUDE:2.1/roll", "system of this vehicle is 1"),
+            ("ATTITUDE:1/roll", "not of the form"),
+            ("ATTITUDE:1.1", "not of the form"),
+            ("exec({ATTITUDE:1.1/roll})", "no function"),
+            ("{ATTITUDE:1.1/roll}.real", "not allowed"),
+            ("{" * 400, "fields in braces"),
+        ):
+            with pytest.raises(InvalidRequest, match=text):
+                live(inspector, field)
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_expressions_are_those_of_a_log_over_several_answers(run_simulated):
+    degrees, slope = f"degrees({{{ROLL}}})", "derivative({LOCAL_POSITION_NED:1.1/x})"
+    mixed = f"{{{ROLL}}} + {{LOCAL_POSITION_NED:1.1/x}} * 0"
+
+    async def scenario(vehicle, inspector, autopilot):
+        after, parts = 0, []
+        for _ in range(4):
+            answer = live(inspector, ROLL, degrees, slope, mixed, after=after)
+            after = answer.after
+            parts.append(answer)
+            await asyncio.sleep(0.3)
+        parts.append(live(inspector, ROLL, degrees, slope, mixed, after=after))
+        at_once = live(inspector, ROLL, degrees, slope, mixed)
+        assert [each.unit for each in at_once.series] == ["rad", "°", "m/s", "rad"]
+        for i in (0, 1, 3):
+            joined = [value for part in parts[1:] for value in part.series[i].values]
+            assert joined == pytest.approx(at_once.series[i].values[-len(joined) :])
+        slopes = [value for part in parts[1:] for value in part.series[2].values]
+        assert None not in slopes[1:]
+        assert at_once.series[2].values[-1] == pytest.approx(slopes[-1])
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_one_answer_is_bounded_and_the_next_ones_have_the_rest(run_simulated, monkeypatch):
+    monkeypatch.setattr(live_module, "MAX_FRAMES", 7)
+
+    async def scenario(vehicle, inspector, autopilot):
+        fields = (ROLL, "LOCAL_POSITION_NED:1.1/x")
+        live(inspector, *fields)
+        await asyncio.sleep(2)
+        times, after, more = [[], []], 0, True
+        while more:
+            answer = live(inspector, *fields, after=after)
+            assert sum(len(each.t_s) for each in answer.series) <= 7
+            for all_s, each in zip(times, answer.series, strict=True):
+                all_s += each.t_s
+            after, more = answer.after, answer.more
+        monkeypatch.setattr(live_module, "MAX_FRAMES", 1500)
+        assert times == [each.t_s for each in live(inspector, *fields).series]
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_values_that_were_not_kept_are_a_gap(run_simulated, monkeypatch):
+    monkeypatch.setattr(inspector_module, "MAX_FRAMES", 20)
+
+    async def scenario(vehicle, inspector, autopilot):
+        first = live(inspector, ROLL)
+        await asyncio.sleep(0.2)
+        soon = live(inspector, ROLL, after=first.after)
+        assert not soon.series[0].gap
+        await asyncio.sleep(5)  # more than is kept
+        late = live(inspector, ROLL, after=soon.after)
+        assert late.series[0].gap
+        await asyncio.sleep(IDLE_S + 5)  # nobody has asked
+        assert live(inspector, ROLL, after=late.after).series[0].gap
+        await asyncio.sleep(0.2)
+        ended = live(inspector, ROLL, after=10**9)  # of a server that was started again
+        assert ended.after < 10**9
+        assert ended.series[0].values
+
+    run_with_inspector(run_simulated, scenario)
+
+
+def test_instances_of_a_message_are_apart(run_simulated):
+    batteries = [f"BATTERY_STATUS:1.77{instance}/battery_remaining" for instance in (".0", ".1", "")]
+    endpoint = SimpleNamespace(connection=SimpleNamespace(name="a"), peer=SimpleNamespace(name="b"))
+
+    async def scenario(vehicle, inspector, autopilot):
+        live(inspector, *batteries)
+        for seq, (number, percent) in enumerate(((0, 90), (1, 50), (0, 89))):
+            payload = payload_of("BATTERY_STATUS", {"id": number, "battery_remaining": percent})
+            raw = encode_frame(d.MAVLINK_MSG_ID_BATTERY_STATUS, payload, seq, 1, 77)
+            inspector.take(
+                Frame(d.MAVLINK_MSG_ID_BATTERY_STATUS, 1, 77, seq, raw, inspector.now_s()), endpoint
+            )
+        assert [each.values for each in live(inspector, *batteries).series] == [[90, 89], [50], [90, 50, 89]]
+        kind = by_name(inspector.received())[(77, "BATTERY_STATUS")]
+        assert (kind.instance, kind.instances) == (0, (0, 1))
 
     run_with_inspector(run_simulated, scenario)
 

@@ -7,13 +7,11 @@ message whose fields are plotted the frames are kept, so that a plot has each of
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from gcs_server.errors import InvalidRequest
 from gcs_server.mavlink.codec import Frame
-from gcs_server.mavlink.definitions import Value, definition, values_of
+from gcs_server.mavlink.definitions import Value, instance_of, layout_of, values_of
 from gcs_server.mavlink.tables import NAMES
 from gcs_server.vehicle.endpoint import Endpoint
 from gcs_server.vehicle.services.port import VehiclePort
@@ -27,10 +25,13 @@ MAX_TIMES: Final = 400
 """Arrivals from which the rate is computed; of a faster message those of a shorter time."""
 MAX_MESSAGES: Final = 500
 """Kinds of messages of all components together; others are counted in `left_out`."""
-MAX_FOLLOWED: Final = 8
-"""Messages of which the frames are kept; the one that was not read for the longest time is dropped."""
-MAX_FRAMES: Final = 4000
-"""Frames that are kept of each, the newest."""
+MAX_FOLLOWED: Final = 64
+"""Messages of which the frames are kept, more than a PX4 sends; the one that was not read for the longest
+time is dropped."""
+MAX_FRAMES: Final = 500
+"""Frames that are kept of each, the newest: 10 s at 50 Hz, and a plot asks several times a second."""
+MAX_INSTANCES: Final = 16
+"""Instances of a message, such as batteries, that are told apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,10 @@ class ReceivedMessage:
     """Size of the newest, without the zeros at its end that MAVLink 2 leaves out [bytes]."""
     fields: dict[str, Value] | None
     """Fields of the newest, as they came; a number that is not finite is null. Null: not in the dialect."""
+    instance: int | None
+    """What the newest is of, such as the number of its battery; null: the message has no such field."""
+    instances: tuple[int, ...]
+    """All that were seen, ascending."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +78,8 @@ class ReceivedLoss:
 class Received:
     """What arrived of one vehicle."""
 
+    system: int
+    """MAVLink system id of the vehicle."""
     since_s: float
     """Time since counting began [s]."""
     messages: tuple[ReceivedMessage, ...]
@@ -83,16 +90,38 @@ class Received:
     """Messages of further kinds, which are not shown."""
 
 
-@dataclass(frozen=True, slots=True)
-class FieldSeries:
-    """The values of fields of one message."""
+@dataclass(slots=True)
+class KeptFrame:
+    """A frame of a message whose numbers are plotted."""
 
-    now_s: float
-    """Time of the answer, on the clock of `times_s` [s]."""
-    times_s: list[float]
-    """Arrivals, on the server's monotonic clock [s]."""
-    values: dict[str, list[float | None]]
-    """By field, `name` or `name[index]`; null: not finite."""
+    number: int
+    """Counts all frames that are kept of the vehicle, from 1."""
+    frame: Frame
+    instance: int | None
+    """What it is of, such as the number of a battery; None: the message has no such field."""
+    _row: dict[str, Value] | None = None
+
+    def row(self) -> dict[str, Value]:
+        """Its fields, decoded when they are first read."""
+        if self._row is None:
+            self._row = values_of(self.frame)
+        return self._row
+
+
+@dataclass(slots=True)
+class Followed:
+    """The newest frames of one message of one component."""
+
+    read_s: float
+    complete_after: int
+    """All frames with a larger number are here."""
+    frames: deque[KeptFrame] = field(default_factory=lambda: deque[KeptFrame](maxlen=MAX_FRAMES))
+
+    def keep(self, kept: KeptFrame) -> None:
+        """Adds a frame, in place of the oldest if there are too many."""
+        if len(self.frames) == MAX_FRAMES:
+            self.complete_after = self.frames[0].number
+        self.frames.append(kept)
 
 
 @dataclass(slots=True)
@@ -100,6 +129,7 @@ class _Kind:
     newest: Frame
     count: int = 0
     times_s: deque[float] = field(default_factory=lambda: deque[float](maxlen=MAX_TIMES))
+    instances: set[int] = field(default_factory=set[int])
 
 
 @dataclass(slots=True)
@@ -107,12 +137,6 @@ class _Sender:
     next_seq: int
     received: int = 0
     lost: int = 0
-
-
-@dataclass(slots=True)
-class _Followed:
-    read_s: float
-    frames: deque[Frame] = field(default_factory=lambda: deque[Frame](maxlen=MAX_FRAMES))
 
 
 class MessageInspector:
@@ -124,7 +148,9 @@ class MessageInspector:
         self._since_s: float | None = None
         self._kinds: dict[tuple[int, int], _Kind] = {}
         self._senders: dict[tuple[int, str, str], _Sender] = {}
-        self._followed: dict[tuple[int, int], _Followed] = {}
+        self._followed: dict[tuple[int, int], Followed] = {}
+        self.kept_count = 0
+        """Number of the newest frame that is kept."""
         self._left_out = 0
 
     def received(self) -> Received:
@@ -138,42 +164,38 @@ class MessageInspector:
             counts[0] += sender.received
             counts[1] += sender.lost
         return Received(
+            self._vehicle.identity.system_id,
             now_s - (now_s if self._since_s is None else self._since_s),
             tuple(messages),
             tuple(ReceivedLoss(*key, *counts) for key, counts in sorted(loss.items())),
             self._left_out,
         )
 
-    def series(self, message: str, component: int, fields: list[str], after_s: float) -> FieldSeries:
-        """The values of fields of a message that arrived after a time; the first call begins to keep them.
-
-        Args:
-            message: name of the message.
-            component: component that sends it.
-            fields: `name`, or `name[index]` of an array.
-            after_s: time of the last value that the caller has, on the server's monotonic clock; 0: all.
+    def follow(self, message: str, component: int) -> Followed:
+        """The newest frames of a message; the first call begins to keep them.
 
         Raises:
-            InvalidRequest: the dialect has no such message, or the message no such field.
+            InvalidRequest: the dialect has no such message.
         """
-        described = definition(message)
-        lengths = {each.name: each.length for each in described.fields if each.type != "char"}
-        for name in fields:
-            _require_number(name, lengths)
         now_s = self._look()
-        key = (component, described.id)
-        if key not in self._followed:
+        key = (component, layout_of(message).msg_id)
+        followed = self._followed.get(key)
+        if followed is None:
             if len(self._followed) >= MAX_FOLLOWED:
                 del self._followed[min(self._followed, key=lambda each: self._followed[each].read_s)]
-            self._followed[key] = _Followed(now_s)
-            if (kind := self._kinds.get(key)) is not None:
-                self._followed[key].frames.append(kind.newest)
-        followed = self._followed[key]
+            followed = self._followed[key] = Followed(now_s, self.kept_count + 1)
+            if (kind := self._kinds.get(key)) is not None and kind.newest.known:
+                self._keep(followed, kind.newest)
         followed.read_s = now_s
-        frames = [frame for frame in followed.frames if frame.received_monotonic_s > after_s]
-        rows = [values_of(frame) for frame in frames]
-        values = {name: [_number(row, name) for row in rows] for name in fields}
-        return FieldSeries(now_s, [frame.received_monotonic_s for frame in frames], values)
+        return followed
+
+    def now_s(self) -> float:
+        """The time, on the clock of the frames [s]."""
+        return self._vehicle.clock.monotonic_s()
+
+    def _keep(self, followed: Followed, frame: Frame) -> None:
+        self.kept_count += 1
+        followed.keep(KeptFrame(self.kept_count, frame, instance_of(frame)))
 
     def take(self, frame: Frame, endpoint: Endpoint) -> None:
         """Counts a frame; called only while somebody looks."""
@@ -188,6 +210,8 @@ class MessageInspector:
         kind.newest = frame
         kind.count += 1
         kind.times_s.append(now_s)
+        if len(kind.instances) < MAX_INSTANCES and (instance := instance_of(frame)) is not None:
+            kind.instances.add(instance)
         sender_key = (frame.component_id, endpoint.connection.name, endpoint.peer.name)
         sender = self._senders.get(sender_key)
         if sender is None:
@@ -199,8 +223,8 @@ class MessageInspector:
             sender.lost += gap
             sender.next_seq = (frame.seq + 1) & 0xFF
         sender.received += 1
-        if (followed := self._followed.get(key)) is not None:
-            followed.frames.append(frame)
+        if frame.known and (followed := self._followed.get(key)) is not None:
+            self._keep(followed, frame)
 
     def _look(self) -> float:
         """Begins or continues to count; returns the time."""
@@ -238,6 +262,8 @@ class MessageInspector:
             max(0.0, now_s - frame.received_monotonic_s),
             len(frame.payload),
             values_of(frame) if known else None,
+            instance_of(frame),
+            tuple(sorted(kind.instances)),
         )
 
 
@@ -250,30 +276,3 @@ def _rate_hz(times_s: deque[float], now_s: float) -> float | None:
     if now_s - times_s[-1] > 2 * mean_s:
         span_s = now_s - times_s[0]
     return (len(times_s) - 1) / span_s if span_s > 0 else None
-
-
-def _require_number(name: str, lengths: Mapping[str, int]) -> None:
-    """Checks the name of a number: a field, or an element of an array.
-
-    Raises:
-        InvalidRequest: there is no such number.
-    """
-    base, _, rest = name.partition("[")
-    index = int(rest[:-1]) if rest.endswith("]") and rest[:-1].isdecimal() and len(rest) < 6 else None
-    length = lengths.get(base)
-    if length is None or (index is None or index >= length if length else rest != ""):
-        raise InvalidRequest(
-            "field",
-            f"The message has no number {name[:60]!r}.",
-            remedy="Name a field, of an array `name[0]`.",
-        )
-
-
-def _number(row: Mapping[str, Value], name: str) -> float | None:
-    """Value of a field or an element."""
-    base, _, rest = name.partition("[")
-    value = row[base]
-    if isinstance(value, list):
-        value = value[int(rest[:-1])]
-    assert not isinstance(value, str)
-    return value

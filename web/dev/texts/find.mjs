@@ -203,7 +203,7 @@ class Finder {
     this.functionOf(node, null, context);
   }
   visitMethodDefinition(node) {
-    this.functionOf(node.value, keyName(node.key));
+    if (node.value.body) this.functionOf(node.value, keyName(node.key)); // an abstract method has none
   }
   functionOf(node, name, context = {}) {
     const outer = this.returned;

@@ -1706,8 +1706,11 @@ export interface paths {
         };
         /**
          * Series
-         * @description All values of fields of one message, at its full rate: those that arrived after `after_s`. The server
-         *     keeps the newest 4,000 messages from the first request on, of at most eight kinds, while it is asked.
+         * @description All values of numbers of the vehicle's messages at their full rate, those that arrived since an answer;
+         *     of a message with several instances (batteries) those of one by `message:system.component.instance`. The
+         *     same expressions as in a log. The server keeps messages from the first request on, while it is asked: the
+         *     newest 500 of each of 64 kinds. An answer has the values of at most 1,500 messages, and `more` if there
+         *     are others.
          */
         readonly get: operations["series_api_v1_vehicles__v__mavlink_series_get"];
         readonly put?: never;
@@ -6399,29 +6402,6 @@ export interface components {
             readonly message: string;
         };
         /**
-         * FieldSeries
-         * @description The values of fields of one message.
-         */
-        readonly FieldSeries: {
-            /**
-             * Now S
-             * @description Time of the answer, on the clock of `times_s` [s].
-             */
-            readonly now_s: number;
-            /**
-             * Times S
-             * @description Arrivals, on the server's monotonic clock [s].
-             */
-            readonly times_s: readonly number[];
-            /**
-             * Values
-             * @description By field, `name` or `name[index]`; null: not finite.
-             */
-            readonly values: {
-                readonly [key: string]: readonly (number | null)[];
-            };
-        };
-        /**
          * FigureEight
          * @description Fly a figure-eight around its centre.
          */
@@ -9889,6 +9869,63 @@ export interface components {
              * @description All links, sorted by name.
              */
             readonly links: readonly components["schemas"]["Link"][];
+        };
+        /**
+         * LiveSeries
+         * @description New values of one field or expression.
+         */
+        readonly LiveSeries: {
+            /**
+             * Field
+             * @description As it was asked for.
+             */
+            readonly field: string;
+            /**
+             * Unit
+             * @description Null: not known.
+             */
+            readonly unit: string | null;
+            /**
+             * Gap
+             * @description Whether values before these are missing, because they were not kept until this request.
+             */
+            readonly gap: boolean;
+            /**
+             * T S
+             * @description Arrival of each, on the server's monotonic clock [s].
+             */
+            readonly t_s: readonly number[];
+            /**
+             * Values
+             * @description As many; null: not a number.
+             */
+            readonly values: readonly (number | null)[];
+        };
+        /**
+         * LiveValues
+         * @description What has arrived of fields and expressions.
+         */
+        readonly LiveValues: {
+            /**
+             * Now S
+             * @description Time of the answer, on the clock of the values [s].
+             */
+            readonly now_s: number;
+            /**
+             * After
+             * @description `after` of the next request.
+             */
+            readonly after: number;
+            /**
+             * More
+             * @description Whether more has arrived than an answer has: ask again now.
+             */
+            readonly more: boolean;
+            /**
+             * Series
+             * @description In the order of the request.
+             */
+            readonly series: readonly components["schemas"]["LiveSeries"][];
         };
         /**
          * LocalPosition
@@ -14464,12 +14501,27 @@ export interface components {
             readonly fields: {
                 readonly [key: string]: number | string | readonly (number | null)[] | null;
             } | null;
+            /**
+             * Instance
+             * @description What the newest is of, such as the number of its battery; null: the message has no such field.
+             */
+            readonly instance: number | null;
+            /**
+             * Instances
+             * @description All that were seen, ascending.
+             */
+            readonly instances: readonly number[];
         };
         /**
          * ReceivedMessages
          * @description What arrived of one vehicle.
          */
         readonly ReceivedMessages: {
+            /**
+             * System
+             * @description MAVLink system id of the vehicle.
+             */
+            readonly system: number;
             /**
              * Since S
              * @description Time since counting began [s].
@@ -24305,14 +24357,10 @@ export interface operations {
     readonly series_api_v1_vehicles__v__mavlink_series_get: {
         readonly parameters: {
             readonly query: {
-                /** @description Name of the message. */
-                readonly message: string;
-                /** @description `name` or `name[index]`; repeated for several. */
+                /** @description `message:system.component/name`, `name[index]` of an array, or an expression with such names in braces; repeated for several. */
                 readonly field: readonly string[];
-                /** @description Component that sends it. */
-                readonly component?: number;
-                /** @description Time of the last value that the client has; 0: all that is kept. */
-                readonly after_s?: number;
+                /** @description `after` of the last answer; 0: all that is kept. */
+                readonly after?: number;
             };
             readonly header?: never;
             readonly path: {
@@ -24328,7 +24376,7 @@ export interface operations {
                     readonly [name: string]: unknown;
                 };
                 content: {
-                    readonly "application/json": components["schemas"]["FieldSeries"];
+                    readonly "application/json": components["schemas"]["LiveValues"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

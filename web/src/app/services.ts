@@ -29,6 +29,10 @@ export interface Services {
     /** Why the last recording could not be opened. */
     problem: () => Problem | null;
   };
+  plots: {
+    /** Shows plots of what arrives of a vehicle. @param panes their fields: `ATTITUDE:1.1/roll`. */
+    showLive: (vehicle: string, name: string, panes: readonly (readonly string[])[]) => Promise<void>;
+  };
   guided: {
     /** Opens the form of a guided command at a position on the map. */
     open: (kind: 'go' | 'orbit' | 'home' | 'heading', facts: VehicleFacts, place: GeoPosition & { readonly ground_amsl_m: number | null }) => void;

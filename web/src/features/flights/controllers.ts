@@ -2,16 +2,19 @@
 
 import { page } from '../../app/page.svelte';
 import { rooms } from '../../app/registry.svelte';
+import { LiveView, stateOf, type State } from '../../plots/live-view.svelte';
 import { commandGate } from '../../app/vehicle-actions.svelte';
 import { FlightLibrary, titleOf, type Row } from './library.svelte';
 import { LogView } from './log-view.svelte';
 import { WhatIf } from './what-if.svelte';
 import { Values } from './values.svelte';
 import { VehicleLogs } from './logs.svelte';
+import { plotsShown } from './plots-shown.svelte';
 
 export const ROOM = 'flights';
 export const library = new FlightLibrary(page.api);
 export const view = new LogView(page.api);
+export const live = new LiveView(page.api);
 export const whatIf = new WhatIf(page.api, view);
 export const values = new Values(page.api, view, (url) => {
   const link = document.createElement('a');
@@ -21,9 +24,29 @@ export const values = new Values(page.api, view, (url) => {
 });
 export const vehicleLogs = new VehicleLogs(commandGate);
 
+/** Shows what arrives of a vehicle. @param panes their fields, as of a telemetry log. */
+export function openLive(vehicle: string, name: string, panes?: readonly (readonly string[])[]): void {
+  rooms.open(ROOM);
+  view.close();
+  live.open(vehicle, name, panes);
+  plotsShown.isOpen = true;
+}
+
+/** What the bands of the live plots show now. */
+export function liveState(): State | null {
+  return live.vehicle === null ? null : stateOf(page.factsNow(live.vehicle));
+}
+
+/** Shows the list of flights again. */
+export function closeShown(): void {
+  live.close();
+  view.close();
+}
+
 /** Opens a flight, or a file without one. */
 export function openRow(row: Row): Promise<void> {
   rooms.open(ROOM);
+  live.close();
   whatIf.reset();
   values.reset();
   return view.open(row.files[0]?.id ?? row.id, titleOf(row), row.flight);
@@ -32,6 +55,7 @@ export function openRow(row: Row): Promise<void> {
 /** Opens a log, and the flight of which it is a part, if that is the only one in it. */
 export async function openFlight(id: string, name: string): Promise<void> {
   rooms.open(ROOM);
+  live.close();
   whatIf.reset();
   values.reset();
   if (!(await view.read(id, name))) return;

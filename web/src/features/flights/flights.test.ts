@@ -2,8 +2,9 @@ import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { loadFindings, missing, severalVehicles } from './findings';
 import { detailsOf, FlightLibrary, matching, removedText, sourcesOf, titleOf, type Flight, type LogFile, type Row } from './library.svelte';
-import { LogView, timeText, valueAt, type Overview } from './log-view.svelte';
-import { fieldsOfSet, findFields, labelOf, SETS } from './sets';
+import { timeText, valueAt } from '../../plots/plot-view.svelte';
+import { fieldsOfSet, findFields, labelOf, SETS } from '../../plots/sets';
+import { LogView, type Overview } from './log-view.svelte';
 
 const FILE: LogFile = {
   id: 'f1',

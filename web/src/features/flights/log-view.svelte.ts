@@ -1,18 +1,15 @@
 /** An open log: its overview, the panes of plots, and the window of time that all panes show. */
 
 import type { ApiClient } from '../../api/client';
-import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
+import { POINTS, MAX_SERIES, PlotView, type FieldSource, type Series, type States, type Window } from '../../plots/plot-view.svelte';
 import { plotsShown } from './plots-shown.svelte';
-import { fieldsOfSet, type PlotSet } from './sets';
 import { trackFields, trackOf, type Track } from './track';
 
 type Schemas = components['schemas'];
 export type Overview = Schemas['FlightOverview'];
-export type Series = Schemas['LogSeries'];
 type Flight = Schemas['JoinedFlight'];
 export type FlightRecord = Schemas['FlightRecord'];
-type LogVehicle = Schemas['LogVehicle'];
 /** A log of the open flight. */
 export interface LogPart {
   /** Id of the file. */
@@ -21,13 +18,6 @@ export interface LogPart {
   /** What is added to its times to get those of the first part, which are those of all plots [s]. */
   readonly offset_s: number;
   readonly overview: Overview;
-}
-/** The fields of a part. */
-export interface FieldSource {
-  readonly source: LogPart['source'];
-  /** What is put before a field or expression of this part; empty for the first. */
-  readonly prefix: string;
-  readonly topics: Overview['topics'];
 }
 /** A message of the vehicle, a change of its mode, or a command to it. */
 export interface FlightEvent {
@@ -39,28 +29,14 @@ export interface FlightEvent {
   /** Who gave a command. */
   readonly by: string;
 }
-export interface Pane {
-  readonly id: number;
-  readonly fields: readonly string[];
-}
-export interface Window {
-  readonly from_s: number;
-  readonly to_s: number;
-}
-
-/** Points of a series: two for each pixel of a wide plot. */
-const POINTS = 3000;
 /** Values are requested again after this pause in zooming [ms]. */
 const PAUSE_MS = 60;
-export const MAX_PANES = 8;
-export const MAX_FIELDS = 8;
-const MIN_WINDOW_S = 0.05;
 /** Shown before arming and after disarming [s]. */
 const AROUND_S = 15;
 const WARNING = 4;
 const INFO = 6;
 
-export class LogView {
+export class LogView extends PlotView {
   /** Id of the open flight; null: the list is shown. */
   id = $state<string | null>(null);
   name = $state('');
@@ -71,32 +47,25 @@ export class LogView {
   parts = $state.raw<readonly LogPart[]>([]);
   /** The flown path; null: not loaded, or no part has positions. */
   track = $state.raw<Track | null>(null);
-  problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
-  panes = $state.raw<readonly Pane[]>([]);
-  /** Id of the pane to which chosen fields are added. */
-  activePane = $state(0);
-  series = $state.raw<ReadonlyMap<string, Series>>(new Map());
-  /** The shown window. */
-  shown = $state.raw<Window>({ from_s: 0, to_s: 1 });
-  /** Time at the cursor of all panes; null: none. */
-  cursor_s = $state<number | null>(null);
   /** Series that are not of the log, such as those of a rerun, by their field. */
   private computed: ReadonlyMap<string, Series> = new Map();
-  private nextPane = 1;
   private timer: ReturnType<typeof setTimeout> | null = null;
   private request = 0;
   /** The window and fields of the values in `series`. */
   private loadedKey = '';
 
-  constructor(private readonly api: ApiClient) {}
+  constructor(private readonly api: ApiClient) {
+    super();
+  }
 
   /** That of the first part. */
   readonly overview = $derived<Overview | null>(this.parts[0]?.overview ?? null);
   /** The window of the whole flight, or of the whole log. */
   readonly whole = $derived<Window>(wholeOf(this.parts, this.flight));
   /** States of the vehicle of the flight, or of all vehicles of the log. */
-  readonly vehicles = $derived(vehiclesOf(this.parts, this.flight));
-  readonly sources = $derived(sourcesOf(this.parts, this.flight));
+  readonly vehicles = $derived<readonly States[]>(vehiclesOf(this.parts, this.flight));
+  readonly sources = $derived<readonly FieldSource[]>(sourcesOf(this.parts, this.flight));
+  readonly start_unix_s = $derived(this.overview?.start_unix_s ?? null);
   readonly events = $derived(eventsOf(this.parts, this.vehicles, this.record));
 
   /** Lets the server read a log, which takes seconds the first time. @returns false: it cannot be read, or another log was opened meanwhile. */
@@ -168,61 +137,13 @@ export class LogView {
     this.request += 1;
   }
 
-  addPane(fields: readonly string[] = []): void {
-    if (this.panes.length >= MAX_PANES) return;
-    this.activePane = this.nextPane++;
-    this.panes = [...this.panes, { id: this.activePane, fields }];
-    this.requestSeries();
-  }
-
-  removePane(id: number): void {
-    this.panes = this.panes.filter((pane) => pane.id !== id);
-    if (this.panes.length === 0) this.addPane();
-    if (!this.panes.some((pane) => pane.id === this.activePane)) this.activePane = this.panes.at(-1)?.id ?? 0;
-  }
-
-  /** Adds a field or expression to a pane, or removes it if the pane has it. */
-  toggle(field: string, paneId = this.activePane): void {
-    this.panes = this.panes.map((pane) => {
-      if (pane.id !== paneId) return pane;
-      if (pane.fields.includes(field)) return { ...pane, fields: pane.fields.filter((each) => each !== field) };
-      return pane.fields.length >= MAX_FIELDS ? pane : { ...pane, fields: [...pane.fields, field] };
-    });
-    this.requestSeries();
-  }
-
-  isPlotted(field: string): boolean {
-    return this.panes.some((pane) => pane.id === this.activePane && pane.fields.includes(field));
-  }
-
-  /** Shows the panes of a set in place of the present ones. */
-  showSet(set: PlotSet): void {
-    const panes = this.fieldsOf(set);
-    if (panes.length === 0) return;
-    this.panes = panes.slice(0, MAX_PANES).map((fields) => ({ id: this.nextPane++, fields }));
-    this.activePane = this.panes[0]?.id ?? 0;
-    this.requestSeries();
-  }
-
   /** Shows what proves a statement: these panes in place of the present ones, and the time with as much before and after it. */
   showEvidence(panes: readonly (readonly string[])[], { from_s, to_s }: Window): void {
     const filled = panes.filter((fields) => fields.length > 0);
-    if (filled.length > 0) {
-      this.panes = filled.slice(0, MAX_PANES).map((fields) => ({ id: this.nextPane++, fields: fields.slice(0, MAX_FIELDS) }));
-      this.activePane = this.panes[0]?.id ?? 0;
-    }
+    if (filled.length > 0) this.showPanes(filled);
     const margin_s = Math.max(2, to_s - from_s);
     this.zoom({ from_s: from_s - margin_s, to_s: to_s + margin_s });
     this.cursor_s = Math.max(this.whole.from_s, from_s);
-  }
-
-  /** The fields of a set's panes, of the first part that has some. */
-  fieldsOf(set: PlotSet): string[][] {
-    for (const { prefix, topics } of this.sources) {
-      const panes = fieldsOfSet(set, topics);
-      if (panes.length > 0) return panes.map((fields) => fields.map((field) => prefix + field));
-    }
-    return [];
   }
 
   /** Shows series that are not of the log, in place of the present panes. */
@@ -230,43 +151,12 @@ export class LogView {
     this.computed = new Map(series.map((each) => [each.field, each]));
     this.series = this.computed;
     this.loadedKey = '';
-    this.panes = panes.slice(0, MAX_PANES).map((fields) => ({ id: this.nextPane++, fields }));
-    this.activePane = this.panes[0]?.id ?? 0;
+    this.showPanes(panes);
     this.zoom(window);
     this.cursor_s = window.from_s;
   }
 
-  /** Shows a window, within the log. */
-  zoom({ from_s, to_s }: Window): void {
-    const { whole } = this;
-    const length_s = Math.min(whole.to_s - whole.from_s, Math.max(MIN_WINDOW_S, to_s - from_s));
-    const begin_s = Math.min(Math.max(whole.from_s, from_s), whole.to_s - length_s);
-    this.shown = { from_s: begin_s, to_s: begin_s + length_s };
-    this.requestSeries();
-  }
-
-  /** Zooms by a factor around the cursor, or else the middle. */
-  zoomBy(factor: number): void {
-    const { from_s, to_s } = this.shown;
-    const isInside = this.cursor_s !== null && this.cursor_s > from_s && this.cursor_s < to_s;
-    const at_s = isInside && this.cursor_s !== null ? this.cursor_s : (from_s + to_s) / 2;
-    this.zoom({ from_s: at_s - (at_s - from_s) * factor, to_s: at_s + (to_s - at_s) * factor });
-  }
-
-  /** Moves the window by a part of its length. */
-  pan(part: number): void {
-    const length_s = this.shown.to_s - this.shown.from_s;
-    this.zoom({ from_s: this.shown.from_s + part * length_s, to_s: this.shown.to_s + part * length_s });
-  }
-
-  /** Puts the cursor on a time, and shows it. */
-  moveCursor(t_s: number): void {
-    const { from_s, to_s } = this.shown;
-    if (t_s < from_s || t_s > to_s) this.zoom({ from_s: t_s - (to_s - from_s) / 2, to_s: t_s + (to_s - from_s) / 2 });
-    this.cursor_s = t_s;
-  }
-
-  private requestSeries(): void {
+  protected requestSeries(): void {
     if (this.timer !== null) clearTimeout(this.timer);
     this.timer = setTimeout(() => void this.loadSeries(), PAUSE_MS);
   }
@@ -274,7 +164,7 @@ export class LogView {
   /** Requests the values of all fields in the shown window, unless the page has them. */
   async loadSeries(): Promise<void> {
     const { id, shown } = this;
-    const fields = [...new Set(this.panes.flatMap((pane) => pane.fields))].filter((field) => !this.computed.has(field)).slice(0, 32);
+    const fields = this.plotted.filter((field) => !this.computed.has(field)).slice(0, MAX_SERIES);
     const key = JSON.stringify([id, shown, fields]);
     if (id === null || fields.length === 0 || key === this.loadedKey) return;
     const request = ++this.request;
@@ -321,7 +211,7 @@ function wholeOf(parts: readonly LogPart[], flight: Flight | null): Window {
   return { from_s: Math.max(begin_s, main.begin_s - AROUND_S), to_s: Math.min(end_s, main.end_s + AROUND_S) };
 }
 
-function vehiclesOf(parts: readonly LogPart[], flight: Flight | null): readonly LogVehicle[] {
+function vehiclesOf(parts: readonly LogPart[], flight: Flight | null): readonly States[] {
   const shifted = parts.map(({ overview, offset_s }) => {
     const at = <T extends { begin_s: number; end_s: number }>(span: T): T => ({ ...span, begin_s: span.begin_s + offset_s, end_s: span.end_s + offset_s });
     return overview.vehicles.map((v) => ({ ...v, modes: v.modes.map(at), armed: v.armed.map(at), failsafe: v.failsafe.map(at) }));
@@ -339,7 +229,7 @@ function sourcesOf(parts: readonly LogPart[], flight: Flight | null): readonly F
   });
 }
 
-function eventsOf(parts: readonly LogPart[], vehicles: readonly LogVehicle[], record: FlightRecord | null): readonly FlightEvent[] {
+function eventsOf(parts: readonly LogPart[], vehicles: readonly States[], record: FlightRecord | null): readonly FlightEvent[] {
   const main = parts.find(({ overview }) => overview.messages.length > 0);
   const messages = (main?.overview.messages ?? []).map(({ t_s, severity, text }): FlightEvent => ({
     t_s: t_s + (main?.offset_s ?? 0),
@@ -356,24 +246,4 @@ function eventsOf(parts: readonly LogPart[], vehicles: readonly LogVehicle[], re
     return { t_s, kind: 'command', severity: isOk ? INFO : WARNING, text: isOk ? command : `${command}: ${detail ?? result}`, by: client };
   });
   return [...messages, ...modes, ...commands].sort((a, b) => a.t_s - b.t_s);
-}
-
-/** The newest value of a series at a time; null: there is none. */
-export function valueAt(series: Series | undefined, t_s: number | null): number | null {
-  if (series === undefined || t_s === null) return null;
-  let [low, high] = [0, series.t_s.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if ((series.t_s[middle] ?? Infinity) <= t_s) low = middle + 1;
-    else high = middle;
-  }
-  return series.values[low - 1] ?? null;
-}
-
-/** A time since the log's start, and the time of day if it is known. */
-export function timeText(t_s: number, start_unix_s: number | null): string {
-  const since = `${t_s.toFixed(t_s < 100 ? 2 : 1)} s`;
-  if (start_unix_s === null) return since;
-  const date = new Date((start_unix_s + t_s) * 1000);
-  return `${since} · ${[date.getHours(), date.getMinutes(), date.getSeconds()].map((n) => String(n).padStart(2, '0')).join(':')}`;
 }

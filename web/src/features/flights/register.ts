@@ -1,5 +1,6 @@
 import { innerHeight } from 'svelte/reactivity/window';
 import { docks, registry, rooms } from '../../app/registry.svelte';
+import { provide } from '../../app/services';
 import { plotsShown } from './plots-shown.svelte';
 
 const ROOM = 'flights';
@@ -27,3 +28,4 @@ registry.addKeys([
   },
 ]);
 registry.addFinder({ group: 'Flights', order: 55, load: async () => (await import('./find')).findableFlights });
+provide('plots', { showLive: async (...shown) => (await import('./controllers')).openLive(...shown) });

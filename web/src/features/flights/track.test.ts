@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import type { FieldSource, Series } from './log-view.svelte';
+import type { FieldSource, Series } from '../../plots/plot-view.svelte';
 import { positionOn, trackFields, trackLayer, trackOf } from './track';
 
 const source = (prefix: string, id: string, fields: readonly string[]): FieldSource => {

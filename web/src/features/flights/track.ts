@@ -2,7 +2,8 @@
 
 import type { LayerContent, LayerPosition } from '../../app/map-layers.svelte';
 import { positionAt } from '../../vehicle/geo';
-import type { FieldSource, FlightRecord, Series } from './log-view.svelte';
+import { indexAfter, valueAt, type FieldSource, type Series } from '../../plots/plot-view.svelte';
+import type { FlightRecord } from './log-view.svelte';
 
 /** Fields or expressions of a part: latitude and longitude [°], altitude above sea level [m], heading [°]. */
 export type TrackFields = readonly [lat: string, lon: string, alt: string, yaw: string];
@@ -71,7 +72,7 @@ export function trackLayer(track: Track | null, cursor_s: number | null, record:
   const [first] = track?.points ?? [];
   if (track === null || first === undefined) return null;
   const at = cursor_s === null ? null : positionOn(track, cursor_s);
-  const yaw_deg = cursor_s === null ? null : newest(track.yaw, cursor_s);
+  const yaw_deg = cursor_s === null ? null : valueAt(track.yaw, cursor_s);
   const vehicle =
     at === null ? [] : [{ ...at, id: 'cursor', mark: 'vehicle' as const, tone: 'actual' as const, text: '', selected: true, yaw_deg: yaw_deg ?? 0 }];
   return {
@@ -99,25 +100,10 @@ function plannedLines(record: FlightRecord | null): LayerPosition[][] {
 
 /** A value between the samples around a time. */
 function between({ t_s: times, values }: Series, t_s: number): number | null {
-  const next = upper(times, t_s);
+  const next = indexAfter(times, t_s);
   const [a, b] = [values[next - 1] ?? null, values[next] ?? null];
   const [from_s, to_s] = [times[next - 1], times[next]];
   if (from_s === undefined || to_s === undefined) return a ?? b;
   if (a === null || b === null) return null;
   return a + ((b - a) * (t_s - from_s)) / (to_s - from_s);
-}
-
-function newest(series: Series | undefined, t_s: number): number | null {
-  return series === undefined ? null : (series.values[upper(series.t_s, t_s) - 1] ?? null);
-}
-
-/** Index of the first time after a time. */
-function upper(times: readonly number[], t_s: number): number {
-  let [low, high] = [0, times.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if ((times[middle] ?? Infinity) <= t_s) low = middle + 1;
-    else high = middle;
-  }
-  return low;
 }

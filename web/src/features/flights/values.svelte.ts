@@ -3,8 +3,9 @@
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
-import { unprefixed, type LogPart, type LogView, type Window } from './log-view.svelte';
-import { RERUN } from './sets';
+import { unprefixed, type LogPart, type LogView } from './log-view.svelte';
+import type { Window } from '../../plots/plot-view.svelte';
+import { RERUN } from '../../plots/sets';
 
 export type Table = components['schemas']['FlightTable'];
 export type Format = 'csv' | 'parquet' | 'geojson' | 'kml' | 'mcap';

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { LogView, type LogPart } from './log-view.svelte';
-import { RERUN } from './sets';
+import { RERUN } from '../../plots/sets';
 import { cellText, Values } from './values.svelte';
 
 const TABLE = { topic: 'a:0', samples: 120, from_row: 0, columns: [{ name: 'x', unit: 'm', type: 'float32' }], t_s: [0], rows: [[1]] };

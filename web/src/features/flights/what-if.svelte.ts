@@ -3,8 +3,9 @@
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
-import type { LogPart, LogView, Series } from './log-view.svelte';
-import { RERUN } from './sets';
+import type { Series } from '../../plots/plot-view.svelte';
+import { RERUN } from '../../plots/sets';
+import type { LogPart, LogView } from './log-view.svelte';
 
 type Schemas = components['schemas'];
 export type Rerun = Schemas['RerunResult'];

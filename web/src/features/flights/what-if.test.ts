@@ -1,7 +1,7 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { LogView } from './log-view.svelte';
-import { labelOf } from './sets';
+import { labelOf } from '../../plots/sets';
 import { apart_m, plotsOf, WhatIf, type Rerun } from './what-if.svelte';
 
 const track = (north: number): Rerun['logged'] => ({

@@ -1,10 +1,12 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import type { TelemetrySocket } from '../../live/socket';
-import { Inspector, MAX_PLOTTED } from './inspector.svelte';
+import { MAX_FIELDS } from '../../plots/plot-view.svelte';
+import { Inspector } from './inspector.svelte';
 import { MessageForm } from './message-form.svelte';
-import { lost_percent, matching, numbersOf, parse, rateText, valueText, type Field, type Message, type Received } from './messages';
+import { fieldOf, lost_percent, matching, numbersOf, parse, rateText, valueText, type Field, type Message, type Received } from './messages';
 
+const ROLL = 'ATTITUDE:1.1/roll';
 const message = (name: string | null, more: Partial<Message> = {}): Message => ({
   id: 30,
   name,
@@ -14,9 +16,11 @@ const message = (name: string | null, more: Partial<Message> = {}): Message => (
   age_s: 0.1,
   size_bytes: 28,
   fields: { roll: 0.5, q: [1, null], text: 'a' },
+  instance: null,
+  instances: [],
   ...more,
 });
-const received = (more: Partial<Received> = {}): Received => ({ since_s: 4, messages: [message('ATTITUDE')], loss: [], left_out: 0, ...more });
+const received = (more: Partial<Received> = {}): Received => ({ system: 1, since_s: 4, messages: [message('ATTITUDE')], loss: [], left_out: 0, ...more });
 const field = (more: Partial<Field> = {}): Field => ({ name: 'a', type: 'float', length: 0, unit: null, enum: null, values: [], ...more });
 
 describe('the list of messages', () => {
@@ -79,10 +83,10 @@ describe('the inspector', () => {
   afterEach(() => void vi.useRealTimers());
 
   it('shows only the messages of the watched vehicle, and reads plotted fields only while they are plotted', async () => {
-    const series = { now_s: 100, times_s: [50, 99, 100], values: { roll: [0, 1, 2] } };
-    const { api, sent } = scripted({ 'GET /api/v1/vehicles/1/mavlink/series': series });
-    const inspector = new Inspector();
-    const stop = inspector.watch(api, '1', 'ws://x', (socket: TelemetrySocket) => void (socket.stop = () => undefined));
+    const series = [{ field: ROLL, unit: 'rad', gap: false, t_s: [99, 100], values: [1, 2] }];
+    const { api, sent } = scripted({ 'GET /api/v1/vehicles/1/mavlink/series': { now_s: 100, after: 7, more: false, series } });
+    const inspector = new Inspector(api);
+    const stop = inspector.watch('1', 'One', 'ws://x', (socket: TelemetrySocket) => void (socket.stop = () => undefined));
     const sample = { vehicle: '1', topic: 'mavlink_messages', vehicle_time_boot_s: null, received_unix_s: 1, value: received() };
     inspector.onFrame({ type: 'samples', samples: [{ ...sample, vehicle: '2' }] }, '1');
     expect(inspector.content).toBeNull();
@@ -90,20 +94,24 @@ describe('the inspector', () => {
     expect(inspector.content?.messages).toHaveLength(1);
     await vi.advanceTimersByTimeAsync(1000);
     expect(sent).toEqual([]);
-    const roll = { message: 'ATTITUDE', component: 1, field: 'roll' };
-    inspector.toggle(roll);
-    await vi.advanceTimersByTimeAsync(350);
-    expect(inspector.lines[0]?.times_s).toEqual([99, 100]); // what is older than the plot is dropped
-    await vi.advanceTimersByTimeAsync(350);
-    expect(sent.at(-1)?.call).toContain('after_s=100');
-    for (let i = 0; i < 9; i += 1) inspector.toggle({ ...roll, field: `q[${i}]` });
-    expect(inspector.lines).toHaveLength(MAX_PLOTTED);
-    inspector.toggle(roll);
-    expect(inspector.isPlotted(roll)).toBe(false);
+    inspector.plots.toggle(ROLL);
+    await vi.advanceTimersByTimeAsync(300);
+    expect(inspector.plots.series.get(ROLL)?.values).toEqual([1, 2]);
+    await vi.advanceTimersByTimeAsync(300);
+    expect(sent.at(-1)?.call).toContain('after=7');
+    for (let i = 0; i < 9; i += 1) inspector.plots.toggle(`ATTITUDE:1.1/q[${i}]`);
+    expect(inspector.fields).toHaveLength(MAX_FIELDS);
+    inspector.plots.toggle(ROLL);
+    expect(inspector.fields).not.toContain(ROLL);
     stop();
     const count = sent.length;
     await vi.advanceTimersByTimeAsync(1000);
     expect(sent).toHaveLength(count);
+  });
+
+  it('plots a number of the instance that is shown', () => {
+    expect(fieldOf(1, message('ATTITUDE'), 'roll')).toBe(ROLL);
+    expect(fieldOf(3, message('BATTERY_STATUS', { instance: 1, instances: [0, 1] }), 'voltages[0]')).toBe('BATTERY_STATUS:3.1.1/voltages[0]');
   });
 });
 

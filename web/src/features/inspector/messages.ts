@@ -7,20 +7,15 @@ export type Message = components['schemas']['ReceivedMessage'];
 export type Definition = components['schemas']['MessageDefinition'];
 export type Field = components['schemas']['MessageField'];
 
-/** One plotted number of a message. */
-export interface Plotted {
-  readonly message: string;
-  readonly component: number;
-  /** `name`, or `name[index]` of an array. */
-  readonly field: string;
-}
-
 /** A number, the list of an array, or a text; null: NaN. */
 export type Value = number | string | null | readonly (number | null)[];
 
 export const nameOf = (message: Message): string => message.name ?? `message ${message.id}`;
 export const keyOf = (message: Message): string => `${message.component} ${message.id}`;
-export const keyOfPlot = ({ message, component, field }: Plotted): string => `${component} ${message} ${field}`;
+/** A number of a message as a field of a telemetry log; of several instances that of the newest. */
+export function fieldOf(system: number, { name, component, instance }: Message, number: string): string {
+  return `${name}:${system}.${component}${instance === null ? '' : `.${instance}`}/${number}`;
+}
 
 /** Messages whose name, number, component or fields contain each word. */
 export function matching(messages: readonly Message[], search: string): Message[] {

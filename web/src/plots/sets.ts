@@ -1,6 +1,6 @@
 /** Sets of plots for the usual questions. Each set names fields of PX4's topics and of MAVLink's messages; a log shows those that it has. */
 
-import type { components } from '../../api/schema';
+import type { components } from '../api/schema';
 
 type Topic = components['schemas']['LogTopic'];
 

@@ -1,8 +1,8 @@
-/** A plot of several series over the time of a log, with one cursor for all plots, and bands for states of the vehicle. */
+/** A plot of several series over time, with one cursor for all plots, and bands for states of the vehicle. */
 
 import uPlot from 'uplot';
 import 'uplot/dist/uPlot.min.css';
-import type { Series, Window } from './log-view.svelte';
+import type { Series, Window } from './plot-view.svelte';
 
 export interface Colours {
   readonly series: readonly string[];
@@ -12,6 +12,20 @@ export interface Colours {
   readonly armed: string;
   readonly strokeWidth: number;
 }
+/** Colours of the theme that is shown. */
+export function plotColours(theme: 'dark' | 'light'): Colours {
+  const style = getComputedStyle(document.documentElement);
+  const css = (name: string): string => style.getPropertyValue(name).trim();
+  return {
+    series: ['--actual', '--target', '--id-2', '--id-3', '--id-4', '--accent', '--ok', '--caution'].map(css),
+    text: css('--text-2'),
+    grid: css('--line'),
+    band: `${css('--danger')}2e`,
+    armed: css('--ok'),
+    strokeWidth: theme === 'dark' ? 1.4 : 1.8,
+  };
+}
+
 export interface Bands {
   readonly failsafe: readonly { readonly begin_s: number; readonly end_s: number }[];
   readonly armed: readonly { readonly begin_s: number; readonly end_s: number }[];
@@ -24,10 +38,9 @@ export interface Handlers {
   readonly cursor: (t_s: number) => void;
 }
 
-const SYNC = 'flights';
 const WHEEL_FACTOR = 1.25;
 
-export class LogPlot {
+export class TimePlot {
   private readonly plot: uPlot;
   private bands: Bands = { failsafe: [], armed: [], modeChanges_s: [] };
   private shown: Window = { from_s: 0, to_s: 1 };
@@ -39,6 +52,8 @@ export class LogPlot {
     private readonly colours: Colours,
     count: number,
     private readonly handlers: Handlers,
+    /** Plots with the same key have one cursor. */
+    sync: string,
   ) {
     const font = '11px Inter, system-ui, sans-serif';
     const axis = { stroke: colours.text, font, grid: { stroke: colours.grid, width: 1 }, ticks: { show: false } };
@@ -54,7 +69,7 @@ export class LogPlot {
         height: Math.max(60, container.clientHeight),
         padding: [6, 8, 0, 0],
         legend: { show: false },
-        cursor: { y: false, sync: { key: SYNC }, drag: { x: true, y: false, setScale: false }, points: { show: false } },
+        cursor: { y: false, sync: { key: sync }, drag: { x: true, y: false, setScale: false }, points: { show: false } },
         scales: { x: { time: false, range: () => [this.shown.from_s, this.shown.to_s] }, y: { range: (_, min, max) => rangeOf(min, max) } },
         axes: [
           { ...axis, size: 22, gap: 3, values: (_, splits) => splits.map((s) => `${Number(s.toFixed(3))}`.replace('-', '−')) },

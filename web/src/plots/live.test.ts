@@ -1,0 +1,164 @@
+import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
+import { ApiClient } from '../api/client';
+import type { components } from '../api/schema';
+import { LiveBuffer, MAX_SAMPLES, thinned } from './live-buffer';
+import { continued, LiveView, stateOf, topicsOf, type Received } from './live-view.svelte';
+import { SETS } from './sets';
+
+type Values = components['schemas']['LiveValues'];
+const ROLL = 'ATTITUDE:1.1/roll';
+const series = (field: string, t_s: number[], gap = false): Values['series'][number] => ({ field, unit: 'rad', gap, t_s, values: t_s });
+
+describe('values that arrive', () => {
+  it('are kept once, and what is missing is a gap', () => {
+    const buffer = new LiveBuffer();
+    buffer.add({ t_s: [1, 2], values: [10, 20] }, false);
+    buffer.add({ t_s: [2, 3], values: [20, null] }, false);
+    buffer.add({ t_s: [9], values: [90] }, true);
+    expect(buffer.within(0, 10, 99)).toEqual({ t_s: [1, 2, 3, 3, 9], values: [10, 20, null, null, 90] });
+    expect(buffer.within(2.5, 4, 99).t_s).toEqual([2, 3, 3, 9]);
+    buffer.forgetBefore(3);
+    expect(buffer.within(0, 10, 99).t_s).toEqual([3, 3, 9]);
+  });
+
+  it('are bounded in number, and keep their extremes', () => {
+    const buffer = new LiveBuffer();
+    for (let i = 0; i < 5; i += 1) {
+      const t_s = Array.from({ length: MAX_SAMPLES / 2 }, (_, k) => (i * MAX_SAMPLES) / 2 + k);
+      buffer.add({ t_s, values: t_s.map((t) => (t === 7777 ? 99 : t === 8888 ? -99 : Math.sin(t))) }, false);
+    }
+    const all = buffer.within(-1, 1e9, 1e9);
+    expect(all.t_s.length).toBeLessThanOrEqual(MAX_SAMPLES);
+    expect(all.t_s).toEqual([...all.t_s].sort((a, b) => a - b));
+    expect(all.values).toContain(99);
+    expect(all.values).toContain(-99);
+    expect(all.t_s.at(-1)).toBe(2.5 * MAX_SAMPLES - 1);
+  });
+
+  it('are thinned to the extremes of each run, and a gap stays', () => {
+    const values = [0, 5, 1, -3, 2, 2, null, 2];
+    expect(thinned({ t_s: values.map((_, i) => i), values }, 4)).toEqual({ t_s: [1, 3, 4, 6], values: [5, -3, 2, null] });
+    expect(thinned({ t_s: [1], values: [2] }, 4)).toEqual({ t_s: [1], values: [2] });
+  });
+});
+
+describe('bands of a live plot', () => {
+  it('continue while the state is the same, and end while it is not known', () => {
+    let modes = continued([], 1, 'Hold');
+    modes = continued(modes, 1.5, 'Hold');
+    modes = continued(modes, 2, 'Return');
+    modes = continued(modes, 2.5, null);
+    modes = continued(modes, 9, 'Return');
+    expect(modes).toEqual([
+      { begin_s: 1, end_s: 1.5, name: 'Hold' },
+      { begin_s: 2, end_s: 2, name: 'Return' },
+      { begin_s: 9, end_s: 9, name: 'Return' },
+    ]);
+    expect(stateOf(null)).toBeNull();
+  });
+});
+
+describe('the list of a vehicle’s messages', () => {
+  it('has each number that can be plotted, of each instance, in the names of a telemetry log', () => {
+    const message = { id: 1, component: 1, count: 3, rate_hz: 10, age_s: 0, size_bytes: 9, instance: null, instances: [] };
+    const received: Received = {
+      system: 4,
+      since_s: 1,
+      loss: [],
+      left_out: 0,
+      messages: [
+        { ...message, name: 'ATTITUDE', fields: { roll: 1, q: [1, null], text: 'a' } },
+        { ...message, name: 'BATTERY_STATUS', fields: { voltage: 1 }, instance: 0, instances: [0, 2] },
+        { ...message, name: null, fields: null },
+      ],
+    };
+    expect(topicsOf(received).map(({ id, fields }) => [id, fields.map(({ name }) => name)])).toEqual([
+      ['ATTITUDE:4.1', ['roll', 'q[0]', 'q[1]']],
+      ['BATTERY_STATUS:4.1.0', ['voltage']],
+      ['BATTERY_STATUS:4.1.2', ['voltage']],
+    ]);
+    const view = new LiveView(new ApiClient('test', undefined, () => Promise.reject(new Error('offline'))));
+    view.sources = [{ source: null, prefix: '', topics: topicsOf(received) }];
+    expect(SETS.filter((set) => view.fieldsOf(set).length > 0).map(({ title }) => title)).toEqual(['Attitude']);
+  });
+});
+
+describe('a live plot', () => {
+  beforeEach(() => void vi.useFakeTimers());
+  afterEach(() => void vi.useRealTimers());
+
+  function opened(answer: (query: URLSearchParams) => [number, unknown]) {
+    const asked: URLSearchParams[] = [];
+    const api = new ApiClient('test', undefined, (path) => {
+      const url = new URL(path, 'http://a');
+      const isSeries = url.pathname.endsWith('/series');
+      if (isSeries) asked.push(url.searchParams);
+      const [status, body] = isSeries ? answer(url.searchParams) : [200, { system: 1, since_s: 0, messages: [], loss: [], left_out: 0 }];
+      return Promise.resolve(new Response(JSON.stringify(body), { status, headers: { 'Content-Type': 'application/json' } }));
+    });
+    const view = new LiveView(api);
+    view.open('1', 'One', [[ROLL]]);
+    return { view, asked };
+  }
+
+  it('moves with the time, stands still while it is paused, and goes on', async () => {
+    let now_s = 1000;
+    const { view } = opened(() => [200, { now_s, after: now_s, more: false, series: [series(ROLL, [now_s])] }]);
+    const stop = view.watch(() => ({ mode: 'Hold', armed: true, failsafe: false }));
+    for (; now_s < 1100; now_s += 1) await vi.advanceTimersByTimeAsync(250);
+    expect(view.shown).toEqual({ from_s: 99 - 60, to_s: 99 });
+    expect(view.vehicles[0]?.armed).toEqual([{ begin_s: expect.any(Number), end_s: expect.any(Number), name: 'Armed' }]);
+    view.zoom({ from_s: 10, to_s: 20 });
+    for (; now_s < 1200; now_s += 1) await vi.advanceTimersByTimeAsync(250);
+    expect([view.isPaused, view.shown]).toEqual([true, { from_s: 10, to_s: 20 }]);
+    expect(view.series.get(ROLL)?.t_s.slice(0, 2)).toEqual([10, 11]);
+    view.resume();
+    expect([view.isPaused, view.shown.to_s]).toEqual([false, 199]);
+    view.zoomBy(2);
+    expect(view.shown).toEqual({ from_s: 199 - 120, to_s: 199 });
+    stop();
+  });
+
+  it('asks for what it does not have, a field that is added for all that is kept, and reads on while there is more', async () => {
+    let parts = 3;
+    const { view, asked } = opened((query) => {
+      parts -= 1;
+      return [200, { now_s: 10, after: 50 - parts, more: parts > 0, series: query.getAll('field').map((field) => series(field, [])) }];
+    });
+    await view.read();
+    expect(asked.map((query) => query.get('after'))).toEqual(['0', '48', '49']);
+    parts = 1;
+    view.toggle('ATTITUDE:1.1/yaw');
+    await view.read();
+    expect(asked.slice(3).map((query) => query.get('after'))).toEqual(['50', '0']);
+    expect(asked[4]?.getAll('field')).toEqual(['ATTITUDE:1.1/yaw']);
+  });
+
+  it('names a field that the server does not have, and plots the others', async () => {
+    const wrong = 'sin({X:1.1/y})';
+    const { view } = opened((query) =>
+      query.getAll('field').includes(wrong)
+        ? [422, { title: 'Invalid', detail: 'No message X.', status: 422 }]
+        : [200, { now_s: 10, after: 5, more: false, series: [series(ROLL, [9])] }],
+    );
+    view.toggle(wrong);
+    await view.read();
+    expect([...view.failed]).toEqual([[wrong, 'No message X.']]);
+    await view.read();
+    expect([view.problem, view.series.get(ROLL)?.samples]).toEqual([null, 1]);
+    view.toggle(wrong);
+    expect(view.failed.size).toBe(0);
+  });
+
+  it('begins anew when the server’s clock does', async () => {
+    let now_s = 5000;
+    const { view } = opened(() => [200, { now_s, after: 5, more: false, series: [series(ROLL, [now_s])] }]);
+    await view.read();
+    now_s = 5010;
+    await view.read();
+    expect(view.series.get(ROLL)?.t_s).toEqual([0, 10]);
+    now_s = 3;
+    await view.read();
+    expect(view.series.get(ROLL)?.t_s).toEqual([0]);
+  });
+});
