@@ -14,7 +14,7 @@ from tests.station import wait_until
 from tests.support.api_client import settings_for
 
 BUILT_PAGE = Path(__file__).resolve().parents[2] / "gcs_server" / "static"
-FIRST_LOAD_BYTES = 185_000
+FIRST_LOAD_BYTES = 140_000
 SCRIPT = b"console.log('page');" * 200
 
 
