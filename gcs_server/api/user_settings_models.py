@@ -13,6 +13,7 @@ from gcs_server.storage.user_settings import KIND, VERSION
 
 Speed = Literal["m/s", "km/h", "mph", "kn"]
 ShortName = Annotated[str, Field(min_length=1, max_length=64)]
+PlottedField = Annotated[str, Field(min_length=1, max_length=600)]
 ParamName = Annotated[str, Field(pattern="^[A-Za-z0-9_]{1,16}$")]
 
 
@@ -101,6 +102,19 @@ class Gamepad(StrictBody):
     """Default: button 1 holds."""
 
 
+class PlotLayout(StrictBody):
+    """Panes of plots that a person has saved, for logs and for vehicles that fly."""
+
+    name: ShortName
+    """Its name."""
+    panes: Annotated[
+        tuple[Annotated[tuple[PlottedField, ...], Field(max_length=8)], ...], Field(max_length=8)
+    ]
+    """The fields and expressions of each pane, as in a request of values."""
+    window_s: float | None = Field(default=None, gt=0, le=1e7)
+    """Length of the window of time [s]; null: the whole flight, and in flight the present one."""
+
+
 class UserSettingValues(StrictBody):
     """What a user has set. Missing or null: the page's default."""
 
@@ -124,6 +138,8 @@ class UserSettingValues(StrictBody):
     """Names of the parameters that are marked."""
     gamepad: Gamepad | None = None
     """Axes and buttons of a gamepad."""
+    plot_layouts: Annotated[tuple[PlotLayout, ...], Field(max_length=40)] | None = None
+    """Saved panes of plots."""
     profile_folded: bool | None = None
     """Whether the altitude profile of a plan is folded."""
 

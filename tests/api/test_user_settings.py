@@ -47,6 +47,27 @@ def test_each_user_has_settings_that_stay_through_a_restart(tmp_path):
         assert settings(client, "Bert") == {}
 
 
+def test_layouts_of_plots_are_kept_and_bounded(client):
+    layout = {
+        "name": "Landing",
+        "panes": [["vehicle_attitude:0/q[0]", "abs({a:0/b})"], ["c:0/d"]],
+        "window_s": 30.0,
+    }
+    assert change(client, {"plot_layouts": [layout]}).status_code == 200
+    assert settings(client)["plot_layouts"] == [layout]
+    for wrong, place in (
+        ({**layout, "panes": [["a:0/b"]] * 9}, "panes"),
+        ({**layout, "panes": [["a:0/b"] * 9]}, "panes.0"),
+        ({**layout, "panes": [[""]]}, "panes.0.0"),
+        ({**layout, "name": ""}, "name"),
+        ({**layout, "window_s": 0}, "window_s"),
+    ):
+        answer = change(client, {"plot_layouts": [wrong]})
+        assert (answer.status_code, place in answer.json()["field"]) == (422, True), answer.text
+    assert change(client, {"plot_layouts": [layout] * 41}).status_code == 422
+    assert settings(client)["plot_layouts"] == [layout]
+
+
 def test_what_is_exported_can_be_imported_by_another_user(client):
     change(client, {"param_favourites": FAVOURITES, "default_altitudes": {"takeoff_m": 20.5}}, "Anna")
     change(client, {"theme": "dark"}, "Bert")

@@ -300,6 +300,9 @@ export const BOUNDS = {
   PlanToFollowGround: {
     tolerance_m: {"min":1,"max":1000},
   },
+  PlotLayout: {
+    window_s: {"above":0,"max":10000000},
+  },
   Point: {
     lat_deg: {"min":-90,"max":90},
     lon_deg: {"min":-180,"max":180},

@@ -13920,6 +13920,27 @@ export interface components {
             readonly t_s: number;
         };
         /**
+         * PlotLayout
+         * @description Panes of plots that a person has saved, for logs and for vehicles that fly.
+         */
+        readonly PlotLayout: {
+            /**
+             * Name
+             * @description Its name.
+             */
+            readonly name: string;
+            /**
+             * Panes
+             * @description The fields and expressions of each pane, as in a request of values.
+             */
+            readonly panes: readonly (readonly string[])[];
+            /**
+             * Window S
+             * @description Length of the window of time [s]; null: the whole flight, and in flight the present one.
+             */
+            readonly window_s?: number | null;
+        };
+        /**
          * Point
          * @description A position on the ground, WGS84 degrees.
          */
@@ -17560,6 +17581,11 @@ export interface components {
             readonly param_favourites?: readonly string[] | null;
             /** @description Axes and buttons of a gamepad. */
             readonly gamepad?: components["schemas"]["Gamepad"] | null;
+            /**
+             * Plot Layouts
+             * @description Saved panes of plots.
+             */
+            readonly plot_layouts?: readonly components["schemas"]["PlotLayout"][] | null;
             /**
              * Profile Folded
              * @description Whether the altitude profile of a plan is folded.

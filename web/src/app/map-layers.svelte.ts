@@ -95,6 +95,8 @@ export interface MapLayer {
   readonly content: () => LayerContent | null;
   /** Missing: the layer cannot be edited. */
   readonly editor?: LayerEditor;
+  /** A click on the map. @param within_m what a person can hit there. @returns false: the layer does not use the click. */
+  readonly press?: (at: GeoPosition, within_m: number) => boolean;
 }
 
 class MapLayers {
@@ -104,6 +106,11 @@ class MapLayers {
   show(layer: MapLayer): () => void {
     this.layers = [...this.layers, layer];
     return () => (this.layers = this.layers.filter((other) => other !== layer));
+  }
+
+  /** Gives a click on the map to the topmost layer that uses it. @returns whether one does. */
+  press(at: GeoPosition, within_m: number): boolean {
+    return [...this.layers].reverse().some((layer) => layer.press?.(at, within_m) === true);
   }
 
   readonly contents: readonly LayerContent[] = $derived(this.layers.flatMap((layer) => layer.content() ?? []));

@@ -110,6 +110,14 @@ export class LiveView extends PlotView {
     this.now_s = this.after = 0;
   }
 
+  override get savedLength_s(): number {
+    return this.length_s;
+  }
+
+  override showLength(length_s: number | null): void {
+    this.setLength(length_s ?? this.length_s);
+  }
+
   /** Shows the newest values again. */
   resume(): void {
     this.isPaused = false;

@@ -1,6 +1,7 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../api/client';
 import type { components } from '../api/schema';
+import { layoutOf, renamed, showLayout, withLayout, type Layout } from './layouts';
 import { LiveBuffer, MAX_SAMPLES, thinned } from './live-buffer';
 import { continued, LiveView, stateOf, topicsOf, type Received } from './live-view.svelte';
 import { SETS } from './sets';
@@ -160,5 +161,38 @@ describe('a live plot', () => {
     now_s = 3;
     await view.read();
     expect(view.series.get(ROLL)?.t_s).toEqual([0]);
+  });
+});
+
+describe('a saved layout', () => {
+  const topic = (id: string, names: string[]) => ({
+    ...{ id, name: id.split(':')[0] ?? '', instance: id.split(':')[1] ?? '', samples: 1, begin_s: 0, end_s: 1, rate_hz: 1 },
+    fields: names.map((name) => ({ name, unit: null, type: '' })),
+  });
+
+  it('is of another vehicle or instance too, and names what is not there', () => {
+    const view = new LiveView(new ApiClient('test', undefined, () => Promise.reject(new Error('offline'))));
+    view.open('7', 'Seven');
+    view.sources = [{ source: null, prefix: '', topics: [topic('ATTITUDE:7.1', ['roll', 'pitch']), topic('BATTERY_STATUS:7.1.0', ['x'])] }];
+    const layout: Layout = {
+      name: 'Mine',
+      panes: [['degrees({ATTITUDE:1.1/roll})', 'ATTITUDE:1.1/gone'], ['1|BATTERY_STATUS:7.1.0/x'], ['estimator_status:0/x']],
+      window_s: 120,
+    };
+    expect(showLayout(layout, view)).toEqual(['ATTITUDE:1.1 gone', 'estimator_status x']);
+    expect(view.panes.map(({ fields }) => fields)).toEqual([['degrees({ATTITUDE:7.1/roll})'], ['BATTERY_STATUS:7.1.0/x']]);
+    expect(layoutOf(' Two ', view)).toEqual({ name: 'Two', panes: [['degrees({ATTITUDE:7.1/roll})'], ['BATTERY_STATUS:7.1.0/x']], window_s: 120 });
+    expect(showLayout({ name: 'x', panes: [['nothing:0/here']], window_s: null }, view)).toEqual(['nothing here']);
+    expect(view.panes).toHaveLength(2);
+  });
+
+  it('replaces one of its name, and gets a name that no other has', () => {
+    const a: Layout = { name: 'a', panes: [], window_s: null };
+    const b: Layout = { ...a, name: 'b' };
+    expect(withLayout([a, b], { ...a, window_s: 5 })).toEqual([{ ...a, window_s: 5 }, b]);
+    expect(withLayout([a], b)).toEqual([a, b]);
+    expect(renamed([a, b], 'a', ' c ').map(({ name }) => name)).toEqual(['c', 'b']);
+    expect(renamed([a, b], 'a', 'b')).toEqual([a, b]);
+    expect(renamed([a, b], 'a', ' ')).toEqual([a, b]);
   });
 });

@@ -133,6 +133,17 @@ export abstract class PlotView {
     this.requestSeries();
   }
 
+  /** Length of the window that a saved layout has; null: the whole. */
+  get savedLength_s(): number | null {
+    return this.isWhole ? null : this.shown.to_s - this.shown.from_s;
+  }
+
+  /** Shows a window of this length from the present begin on; null: the whole. */
+  showLength(length_s: number | null): void {
+    const { from_s } = this.shown;
+    this.zoom(length_s === null ? this.whole : { from_s, to_s: from_s + length_s });
+  }
+
   /** Zooms by a factor around the cursor, or else the middle. */
   zoomBy(factor: number): void {
     const { from_s, to_s } = this.shown;

@@ -111,6 +111,26 @@ export function fieldsOfSet(set: PlotSet, topics: readonly Topic[]): string[][] 
   });
 }
 
+/**
+ * A saved field as the present sources have it: the same one, or that of the first source whose topic has its name (another
+ * instance, another vehicle); null: none has it.
+ */
+export function placed(saved: string, sources: readonly { readonly prefix: string; readonly topics: readonly Topic[] }[]): string | null {
+  const field = saved.replace(/^\d\|/, '');
+  for (const isSame of [true, false])
+    for (const { prefix, topics } of sources) {
+      const known = new Map<string, string>();
+      for (const { id, name, fields } of topics)
+        for (const each of fields) {
+          const key = `${isSame ? id : name}/${each.name}`;
+          if (!known.has(key)) known.set(key, `${id}/${each.name}`);
+        }
+      const found = resolve(isSame ? field : field.replace(/([A-Za-z]\w*):[\d.]+\//g, '$1/'), known);
+      if (found !== null) return prefix + found;
+    }
+  return null;
+}
+
 /** A wanted field with the instance that the log has; null: it does not have it. */
 function resolve(wanted: string, known: ReadonlyMap<string, string>): string | null {
   if (!wanted.includes('{')) return known.get(wanted) ?? null;

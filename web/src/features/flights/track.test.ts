@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { FieldSource, Series } from '../../plots/plot-view.svelte';
-import { positionOn, trackFields, trackLayer, trackOf } from './track';
+import { positionOn, timeAt, trackFields, trackLayer, trackOf } from './track';
 
 const source = (prefix: string, id: string, fields: readonly string[]): FieldSource => {
   const named = fields.map((name) => ({ name, unit: null, type: 'float64' }));
@@ -31,6 +31,13 @@ describe('the flown path of a log', () => {
     expect(layer?.points[0]).toMatchObject({ mark: 'vehicle', yaw_deg: 90 });
     expect(layer?.ground?.alt_amsl_m).toBe(480);
     expect(trackLayer(track, null, null)?.points).toEqual([]);
+  });
+
+  it('is found by a place beside it, between its points', () => {
+    const track = trackOf([series([0, 10], [47, 47.01]), series([0, 10], [8, 8]), series([0, 10], [480, 480]), undefined]);
+    expect(timeAt(track, { lat_deg: 47.005, lon_deg: 8.0001 }, 10)).toBeCloseTo(5, 2);
+    expect(timeAt(track, { lat_deg: 47.005, lon_deg: 8.001 }, 10)).toBeNull();
+    expect(timeAt({ points: [], yaw: undefined }, { lat_deg: 47, lon_deg: 8 }, 10)).toBeNull();
   });
 
   it('leaves out what is no position', () => {

@@ -1,7 +1,7 @@
 /** The flown path of an open flight, for the map and the 3D view. Pure functions. */
 
 import type { LayerContent, LayerPosition } from '../../app/map-layers.svelte';
-import { positionAt } from '../../vehicle/geo';
+import { eastNorth, positionAt, type GeoPosition } from '../../vehicle/geo';
 import { indexAfter, valueAt, type FieldSource, type Series } from '../../plots/plot-view.svelte';
 import type { FlightRecord } from './log-view.svelte';
 
@@ -65,6 +65,20 @@ export function positionOn({ points }: Track, t_s: number): TrackPoint | null {
   const part = b.t_s === a.t_s ? 0 : (t_s - a.t_s) / (b.t_s - a.t_s);
   const mix = (from: number, to: number): number => from + (to - from) * part;
   return { t_s, lat_deg: mix(a.lat_deg, b.lat_deg), lon_deg: mix(a.lon_deg, b.lon_deg), alt_amsl_m: mix(a.alt_amsl_m, b.alt_amsl_m) };
+}
+
+/** The time at which the track is nearest to a place; null: it is not within this distance. */
+export function timeAt({ points }: Track, place: GeoPosition, within_m: number): number | null {
+  let [nearest_m, t_s]: [number, number | null] = [within_m, null];
+  for (const [i, to] of points.entries()) {
+    const from = points[i - 1] ?? to;
+    const [leg, way] = [eastNorth(from, to), eastNorth(from, place)];
+    const length2 = leg.east_m ** 2 + leg.north_m ** 2;
+    const part = length2 === 0 ? 0 : Math.min(1, Math.max(0, (way.east_m * leg.east_m + way.north_m * leg.north_m) / length2));
+    const distance_m = Math.hypot(way.east_m - part * leg.east_m, way.north_m - part * leg.north_m);
+    if (distance_m < nearest_m) [nearest_m, t_s] = [distance_m, from.t_s + part * (to.t_s - from.t_s)];
+  }
+  return t_s;
 }
 
 /** The flown path, the planned one, and the vehicle at the cursor; null: no position is known. */
