@@ -246,7 +246,7 @@ class Server:
             recorded = (info.recording for info in self.router.links())
             names = {r.file for r in recorded if r is not None and r.file and r.stopped is None}
             names |= {replay.recording for replay in replays.all()}
-            return frozenset(folder.recordings / name for name in names)
+            return frozenset(folder.recordings / name for name in names) | self.station.log_streams.paths()
 
         def report(removed: Removed) -> None:
             station = self.station

@@ -28,8 +28,9 @@ MODULES = (
 )
 TARGET = CLIENT / "blocking.py"
 CLASSES = (
-    "Control", "DryRuns", "Files", "Flights", "Gcs", "Gimbal", "Group", "LiveOffboard", "Mission",
-    "MissionModes", "Offboard", "OffboardMission", "Operations", "Params", "Plans", "Sticks", "Vehicle",
+    "Control", "DryRuns", "Files", "Flights", "Gcs", "Gimbal", "Group", "LiveOffboard", "LogStream",
+    "Mission", "MissionModes", "Offboard", "OffboardMission", "Operations", "Params", "Plans", "Sticks",
+    "Vehicle",
 )  # fmt: skip
 ROOT = "Gcs"
 """The class that programs instantiate; it owns the thread of the event loop."""

@@ -63,7 +63,7 @@ class FlightFile(ResponseBody):
     problem: str | None
     """What of the file is damaged, or why it cannot be read; null: nothing is known to be wrong."""
     running: bool
-    """Whether it is still being recorded."""
+    """Whether it is still being recorded or streamed."""
     read: bool
     """Whether the log has been read in its present version."""
 

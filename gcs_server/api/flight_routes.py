@@ -47,7 +47,10 @@ async def list_flights(station: StationDep) -> Response:
     joined, files = await logbook.flights()
     infos = {info.name: info for info in await station.replays.recordings()}
     removed = await asyncio.to_thread(logbook.library.removed)
+    streamed = station.log_streams.paths()
     views = [_view(file, infos.get(file.path.name)) for file in files]
+    for view, file in zip(views, files, strict=True):
+        view["running"] |= file.path in streamed
     views.sort(key=lambda view: view["start_unix_s"] or view["added_unix_s"], reverse=True)
     return json_response(
         {

@@ -109,6 +109,41 @@ async def download(v: str, number: int, station: StationDep, principal: Principa
     return json_response(operation_view(operation), 202)
 
 
+@router.post(
+    "/stream",
+    status_code=202,
+    response_model=OperationModel,
+    responses={202: {"model": OperationModel, "description": "The log is being streamed."}},
+)
+async def start_stream(v: str, station: StationDep, principal: PrincipalDep) -> Response:
+    """Streams the vehicle's log while it is written, also in flight: an operation, which says size, rate and
+    loss. Needs control.
+
+    The log grows as a file of the flights, which can be opened meanwhile. What is lost on the way is a gap
+    (`dropouts`); a lost link is waited for up to two minutes. Ends by `DELETE …/logs/stream`, when it is
+    cancelled, or when the vehicle ends it (`ended` in the result says why), and what was received stays. PX4
+    streams to one client at a time."""
+    with authorized_command(station, principal, "logs/stream", v, {}):
+        station.fleet.get(v).require("files")
+        operation = station.operations.start(
+            "logs/stream",
+            partial(station.log_streams.run, v),
+            text=f"Asking vehicle {v} to stream its log.",
+            vehicle=v,
+            by=(principal.name, principal.key),
+        )
+    return json_response(operation_view(operation), 202)
+
+
+@router.delete("/stream", status_code=204)
+async def stop_stream(v: str, station: StationDep, principal: PrincipalDep) -> Response:
+    """Stops the log stream; the operation then ends with its result. If this server streams none, the vehicle
+    is told to stop the stream of whoever gets it. Needs control."""
+    with authorized_command(station, principal, "logs/stop_stream", v, {}):
+        await station.log_streams.stop(v)
+    return Response(status_code=204)
+
+
 @router.post("/erase", status_code=204)
 async def erase(v: str, body: EraseLogs, station: StationDep, principal: PrincipalDep) -> Response:
     """Erases all logs on the vehicle. Needs control; refused while the vehicle is armed."""

@@ -18,6 +18,7 @@ from gcs_server.flights.flights import Flights
 from gcs_server.logbook.downloads import LogDownloads
 from gcs_server.logbook.file_downloads import FileDownloads
 from gcs_server.logbook.logbook import Logbook
+from gcs_server.logbook.streams import LogStreams
 from gcs_server.maps.sources import MapSources
 from gcs_server.maps.tiles import Tiles
 from gcs_server.mavlink.router import Router
@@ -65,6 +66,7 @@ class Station:
     """Folder of the files that were downloaded from vehicles; made when needed."""
     log_downloads: LogDownloads = field(init=False)
     file_downloads: FileDownloads = field(init=False)
+    log_streams: LogStreams = field(init=False)
     request_queue: RequestQueue = field(init=False)
     large_setpoints: LargeSetpoints = field(init=False)
     has_scene: bool = False
@@ -83,6 +85,7 @@ class Station:
         self.file_downloads = FileDownloads(
             self.clock, self.vehicle_files, self.log_downloads.transfers, self.fleet.get
         )
+        self.log_streams = LogStreams(self.clock, self.logbook, self.fleet.get)
         self.request_queue = RequestQueue(self.authority.controls_any)
         self.large_setpoints = LargeSetpoints(self.authority.controls_any)
 

@@ -19,6 +19,7 @@ from gcs_server.client.blocking import (
     SyncGimbal,
     SyncGroup,
     SyncLiveOffboard,
+    SyncLogStream,
     SyncMission,
     SyncMissionModes,
     SyncOffboard,
@@ -41,7 +42,7 @@ from gcs_server.client.errors import (
     Unknown,
     Unreachable,
 )
-from gcs_server.client.flights import Flights
+from gcs_server.client.flights import Flights, LogStream
 from gcs_server.client.manual_control import Sticks
 from gcs_server.client.mission import Mission, MissionModes, OffboardMission
 from gcs_server.client.offboard import LiveOffboard, Offboard
@@ -59,6 +60,7 @@ __all__ = [
     "Group",
     "Invalid",
     "LiveOffboard",
+    "LogStream",
     "Mission",
     "MissionModes",
     "NoReply",
@@ -78,6 +80,7 @@ __all__ = [
     "SyncGimbal",
     "SyncGroup",
     "SyncLiveOffboard",
+    "SyncLogStream",
     "SyncMission",
     "SyncMissionModes",
     "SyncOffboard",

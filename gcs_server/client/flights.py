@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import quote, urlencode
 
+from gcs_server.client.control import VehicleApi
 from gcs_server.client.setpoints import Body
 
 QueryValue = str | float | int | Sequence[str] | None
@@ -93,6 +94,28 @@ class Flights:
             "to_s": to_s,
         }
         return await self._gcs.download(_path(flight, "export", _query(query)), target)
+
+
+class LogStream:
+    """The log that one vehicle streams while it writes it: `vehicle.log_stream`."""
+
+    def __init__(self, vehicle: VehicleApi) -> None:
+        self._vehicle = vehicle
+
+    async def start(self) -> dict[str, Any]:
+        """Starts it, also in flight; returns the operation, whose `text` says size, rate and loss, and whose
+        `result` has the `flight`. Needs control.
+
+        Raises:
+            NotInControl: this client has no control of the vehicle.
+            Refused: the vehicle's links carry no logs.
+        """
+        return await self._vehicle.request("POST", "/logs/stream")
+
+    async def stop(self) -> None:
+        """Stops it, and the operation ends with its result. If this server streams none, the vehicle is told
+        to stop the stream of whoever gets it."""
+        await self._vehicle.request("DELETE", "/logs/stream")
 
 
 def _path(flight: str, part: str = "", query: str = "") -> str:

@@ -12,6 +12,7 @@ from websockets.asyncio.client import ClientConnection
 from gcs_server.client.control import Control, VehicleApi
 from gcs_server.client.errors import ApiError, Timeout, Unreachable
 from gcs_server.client.files import Files
+from gcs_server.client.flights import LogStream
 from gcs_server.client.manual_control import Sticks, sticks_of
 from gcs_server.client.mission import Mission, MissionModes, OffboardMission
 from gcs_server.client.offboard import Offboard
@@ -127,6 +128,7 @@ class Vehicle:
         self.control = Control(self)
         self.params = Params(self)
         self.files = Files(self, gcs.operations())
+        self.log_stream = LogStream(self)
         self.mission = Mission(self, gcs.operations())
         self.offboard_mission = OffboardMission(self)
         self.mission_modes = MissionModes(self)

@@ -283,6 +283,8 @@ ALL: tuple[Command, ...] = (
         "not_anothers",
         "the vehicle",
     ),
+    Command("logs/stream", "configure", ("POST /vehicles/{v}/logs/stream",), "lease", "the vehicle"),
+    Command("logs/stop_stream", "configure", ("DELETE /vehicles/{v}/logs/stream",), "lease", "the vehicle"),
     Command(
         "logs/erase",
         "configure",

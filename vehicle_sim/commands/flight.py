@@ -28,12 +28,12 @@ from vehicle_sim.commands.command import (
 from vehicle_sim.geodesy import is_position
 
 NO_ACKNOWLEDGEMENT = frozenset(
-    {0, 1, 2, 93, 203, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
-     30002, 42600}
+    {0, 1, 2, 93, 203, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 3000, 30001, 30002,
+     42600}
 )  # fmt: skip
 """Commands that PX4 does not acknowledge, because no module handles them or the module sends no result."""
-ALWAYS_ACCEPTED = frozenset({187, 191, 2510})
-"""Commands without effect here: set actuators, go around (fixed wing), start the log stream."""
+ALWAYS_ACCEPTED = frozenset({187, 191})
+"""Commands without effect here: set actuators, go around (fixed wing)."""
 ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
 TAKEOFF, LAND, RETURN, PRECISION_LAND, ORBIT, FIGURE_EIGHT = 22, 21, 20, 23, 34, 35
 REPOSITION, CHANGE_SPEED, SET_HOME, TERMINATE, MISSION_START = 192, 178, 179, 185, 300

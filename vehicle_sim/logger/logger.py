@@ -17,6 +17,7 @@ from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.logger import ulog
 from vehicle_sim.logger.recorder import Recorder, Recorders
+from vehicle_sim.logger.stream import UlogStream
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.storage.files import VehicleFiles
 from vehicle_sim.topics.layout import TopicLayout
@@ -81,6 +82,8 @@ class Logger:
         self._recorders = recorders
         self._recorder: Recorder | None = None
         self._file: FileIO | None = None
+        self._stream: UlogStream | None = None
+        """Gets all that the file gets; it may run without a file."""
         self._pending: list[bytes] = []
         self._is_ready = False
         self._armed = False
@@ -127,7 +130,7 @@ class Logger:
         if self._announce_at_us is not None and now_us >= self._announce_at_us:
             self._announce_at_us = None
             self._announcer.text(6, f"[logger] ./{self.path}\t")
-        if self._file is not None and now_us >= self._next_sample_us:
+        if self._is_active and now_us >= self._next_sample_us:
             self._next_sample_us = (now_us // TICK_US + 1) * TICK_US
             self._sample_states(now_us)
 
@@ -146,6 +149,28 @@ class Logger:
         if not (self._armed and self.mode in ARMING_MODES) and self.mode != BOOT_TO_SHUTDOWN:
             self.stop()
 
+    def start_stream(self) -> UlogStream:
+        """Starts a stream of the log, also while no file is written; `can_log` is true."""
+        now_us = self._view.time_boot_us()
+        recorder = self._recorder
+        if recorder is None:
+            assert self._recorders is not None
+            recorder = self._recorder = self._recorders.for_profile(self._profile, self._view.px4.name)
+            recorder.add(self)
+        else:
+            recorder.flush()
+            self._write_pending()
+        self._stream = UlogStream(b"".join(self._definitions(recorder, now_us)))
+        self._states.restart()
+        return self._stream
+
+    def stop_stream(self) -> None:
+        """Ends the stream; a file goes on."""
+        self._stream = None
+        if self._file is None and self._recorder is not None:
+            self._recorder.remove_without_flush(self)
+            self._recorder, self._pending = None, []
+
     def flush(self) -> None:
         """Writes buffered data to the file."""
         if self._recorder is not None:
@@ -158,7 +183,7 @@ class Logger:
         if self._file is None:
             return
         if self._recorder is not None:
-            self._recorder.remove_and_flush(self)
+            self._recorder.flush()
         self._write_pending()
         self._close()
 
@@ -166,6 +191,15 @@ class Logger:
         """Writes pending messages and then samples of the array topics."""
         self._pending.append(data)
         self._write_pending()
+
+    @property
+    def _is_active(self) -> bool:
+        """Whether a file or a stream gets what is logged."""
+        return self._file is not None or self._stream is not None
+
+    @property
+    def _profile(self) -> int:
+        return self._view.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
 
     # --- start and stop ---------------------------------------------------------------------------------
 
@@ -188,7 +222,7 @@ class Logger:
         data = self._states.due(now_us)
         if data:
             self._pending.append(data)
-        if now_us >= self._next_check_us:
+        if self._file is not None and now_us >= self._next_check_us:
             self._next_check_us = now_us + CHECK_EVERY_US
             self._check_limits()
 
@@ -210,6 +244,9 @@ class Logger:
     def _start(self, now_us: int) -> None:
         if self._recorders is None or self.mode == DISABLED:
             return
+        if self._stream is not None and self._recorder is not None:
+            self._recorder.flush()
+            self._write_pending()  # what was logged before the file is only the stream's
         try:
             free = self._free_space(self._files.root)
             if free < MIN_FREE_BYTES:
@@ -221,25 +258,33 @@ class Logger:
             self._report_error("logging not started", error)
             return
         self.path, self.written_bytes, self.started_at_us = path, 0, now_us
-        profile = self._view.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
-        recorder = self._recorders.for_profile(profile, self._view.px4.name)
+        recorder = self._recorder or self._recorders.for_profile(self._profile, self._view.px4.name)
         self._next_check_us = now_us + CHECK_EVERY_US
-        self._pending = [ulog.header(now_us), ulog.flag_bits(), *self._info_messages()]
-        layouts = [topic.layout for topic in recorder.topics] + list(self._states.layouts)
-        self._pending += [_formats(tuple(layouts)), _parameters(self._view.parameters)]
-        self._pending += [ulog.subscription(layout) for layout in layouts]
+        self._write_to_file(b"".join(self._definitions(recorder, now_us)))
         self._states.restart()
-        self._write_pending()
         if not self.running:
             return
-        self._recorder = recorder
         self._autopilot.commander.checks.logging = True
-        recorder.add(self)
+        if self._recorder is None:
+            self._recorder = recorder
+            recorder.add(self)
         self._announcer.event(
             "logger_open_file_time", "HBBBBB", started_at.year, started_at.month, started_at.day,
             started_at.hour, started_at.minute, started_at.second,
         )  # fmt: skip
         self._announce_at_us = now_us + FILE_NAME_DELAY_US
+
+    def _definitions(self, recorder: Recorder, now_us: int) -> list[bytes]:
+        """All that comes before the samples."""
+        layouts = [topic.layout for topic in recorder.topics] + list(self._states.layouts)
+        return [
+            ulog.header(now_us),
+            ulog.flag_bits(),
+            *self._info_messages(),
+            _formats(tuple(layouts)),
+            _parameters(self._view.parameters),
+            *(ulog.subscription(layout) for layout in layouts),
+        ]
 
     def _new_path(self) -> tuple[str, datetime]:
         offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
@@ -280,7 +325,7 @@ class Logger:
             return  # no log yet
 
     def _log_announcement(self, announcement: StatusText | Event) -> None:
-        if self._file is None:
+        if not self._is_active:
             return
         if isinstance(announcement, Event):
             self._pending.append(self._states.event(announcement))
@@ -290,12 +335,17 @@ class Logger:
             )
 
     def _log_parameter(self, name: str, value: ParameterValue) -> None:
-        if self._file is not None:
+        if self._is_active:
             is_int = self._view.parameters.type_of(name) == "INT32"
             self._pending.append(ulog.parameter(name, value, integer=is_int))
 
     def _write_pending(self) -> None:
         data, self._pending = b"".join(self._pending), []
+        if self._stream is not None:
+            self._stream.add(data)
+        self._write_to_file(data)
+
+    def _write_to_file(self, data: bytes) -> None:
         if self._file is None or not data:
             return
         try:
@@ -308,11 +358,12 @@ class Logger:
             self._report_error("logging stopped", error)
 
     def _close(self) -> None:
-        file, self._file, recorder, self._recorder = self._file, None, self._recorder, None
+        file, self._file, recorder = self._file, None, self._recorder
         self._announce_at_us = None
         self._autopilot.commander.checks.logging = False
-        if recorder is not None:
+        if recorder is not None and self._stream is None:
             recorder.remove_without_flush(self)
+            self._recorder = None
         if file is not None:
             try:
                 file.close()

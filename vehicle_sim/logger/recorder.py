@@ -146,11 +146,6 @@ class Recorder:
         self.flush()
         self._writers.append(writer)
 
-    def remove_and_flush(self, writer: LogWriter) -> None:
-        """Writes the collected samples of a vehicle, and stops logging for it."""
-        self.flush()
-        self.remove_without_flush(writer)
-
     def remove_without_flush(self, writer: LogWriter) -> None:
         """Stops logging for a vehicle without writing; called after a write error."""
         self._writers = [each for each in self._writers if each is not writer]

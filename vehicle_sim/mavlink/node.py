@@ -17,6 +17,7 @@ from vehicle_sim.mavlink.services.camera import CameraService
 from vehicle_sim.mavlink.services.commands import CommandService, OwnCommandService
 from vehicle_sim.mavlink.services.ftp import FtpService
 from vehicle_sim.mavlink.services.inputs import InputService
+from vehicle_sim.mavlink.services.log_stream import LogStreamService
 from vehicle_sim.mavlink.services.logs import LogService
 from vehicle_sim.mavlink.services.mission import MissionService
 from vehicle_sim.mavlink.services.params import ParamService
@@ -44,6 +45,7 @@ class Node:
         self._mission = MissionService(self.context)
         self._ftp = FtpService(self.context, files)
         self._logs = LogService(self.context, files, logger)
+        self._log_stream = LogStreamService(self.context, logger)
         self._ranging = RangingService(self.context)
         self._camera: CameraService | None = None
         requests = RequestService(self.context, self._time.send_ping, files)
@@ -53,7 +55,9 @@ class Node:
         ModesMonitor(self.context)
         self._shell = ShellService(self.context)
         OwnCommandService(self.context, gimbal.commands)
-        groups = (FlightCommands(self.context), requests, gimbal, calibration, self.failures)
+        groups = (
+            FlightCommands(self.context), requests, gimbal, calibration, self.failures, self._log_stream,
+        )  # fmt: skip
         self.commands = {number: handler for group in groups for number, handler in group.commands.items()}
         """Handlers of commands from any source."""
         self.mavlink_commands = frozenset(requests.commands)
@@ -61,8 +65,8 @@ class Node:
         self._handlers: dict[str, Callable[[Link, Message], None]] = {"HEARTBEAT": self._heartbeat}
         services = (
             self._texts, self._time, self.params, self._mission, CommandService(self.context, self.commands),
-            InputService(self.context), VisionService(self.context), self._ftp, self._logs, self._shell,
-            OriginService(self.context),
+            InputService(self.context), VisionService(self.context), self._ftp, self._logs, self._log_stream,
+            self._shell, OriginService(self.context),
         )  # fmt: skip
         for service in services:
             self._handlers |= service.handlers
@@ -174,7 +178,7 @@ class Node:
         if self.context.has_pending:
             self.context.run_due()
         busy = False
-        for service in (self._ftp, self._logs, self._shell, self.params, self._mission):
+        for service in (self._ftp, self._logs, self._log_stream, self._shell, self.params, self._mission):
             if service.busy:
                 service.step()
                 busy = True

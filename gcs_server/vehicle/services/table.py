@@ -7,6 +7,7 @@ from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.files import VehicleFiles
 from gcs_server.vehicle.services.gimbal_setup import GimbalSetupService
 from gcs_server.vehicle.services.inspector import MessageInspector
+from gcs_server.vehicle.services.log_stream import LogStreamService
 from gcs_server.vehicle.services.logs import LogService
 from gcs_server.vehicle.services.manual_control import ManualControlService
 from gcs_server.vehicle.services.param_changes import ParamChanges
@@ -18,6 +19,7 @@ SERVICES = (
     CameraService,
     GimbalSetupService,
     LogService,
+    LogStreamService,
     ManualControlService,
     MessageInspector,
     ParamChanges,

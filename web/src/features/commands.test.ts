@@ -200,6 +200,8 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'switch to a ready mode': { click: (facts) => readinessPanel.switchMode(page.api, facts.id, 'hold') },
   'run the checks': { click: (facts) => readinessPanel.check(page.api, facts.id) },
   'erase the logs': { click: (facts) => vehicleLogs.erase(page.api, facts.id) },
+  'stream the log': { click: (facts) => vehicleLogs.stream(page.api, facts.id) },
+  'stop the log stream': { click: (facts) => vehicleLogs.stopStream(page.api, facts.id) },
   'download a log': { click: (facts) => vehicleLogs.download(page.api, facts.id, 0) },
   'hold all flying': { click: (facts) => vehicleList.hold(page.api, [facts]) },
   ...Object.fromEntries(

@@ -18,6 +18,9 @@ export class VehicleLogs {
   /** Id of the vehicle whose logs are erased once a person has confirmed it. */
   toErase = $state<string | null>(null);
 
+  /** The newest log stream of the selected vehicle. */
+  private streamed = $state.raw<Operation | null>(null);
+
   constructor(private readonly gate = new CommandGate()) {}
 
   /** The logs of a vehicle; null: not read yet. */
@@ -34,6 +37,45 @@ export class VehicleLogs {
   downloadOf(vehicle: string, number: number): Operation | null {
     const { operation } = this;
     return operation?.state === 'running' && operation.vehicle === vehicle && operation.subject === String(number) ? operation : null;
+  }
+
+  /** The newest log stream of this vehicle, running or ended; null: none. */
+  streamOf(vehicle: string): Operation | null {
+    return this.streamed?.vehicle === vehicle ? this.streamed : null;
+  }
+
+  /** Finds a running log stream of this vehicle, whoever started it, and follows it. */
+  async findStream(api: ApiClient, vehicle: string): Promise<void> {
+    const response = await api.get('/operations');
+    const found = response.ok
+      ? response.value.operations.find(({ kind, state, vehicle: of }) => kind === 'logs/stream' && state === 'running' && of === vehicle)
+      : undefined;
+    if (found !== undefined && this.streamed?.id !== found.id) await this.followStream(api, found);
+  }
+
+  /** Lets the vehicle stream its log while it writes it, and follows the stream to its end. */
+  async stream(api: ApiClient, vehicle: string): Promise<void> {
+    this.lastProblem = null;
+    const outcome = await this.gate.run({ name: 'Stream the log', vehicles: [vehicle] }, () => api.post('/vehicles/{v}/logs/stream', ofVehicle(vehicle)));
+    if (outcome.ok) await this.followStream(api, outcome.value);
+    else if (outcome.problem.code !== DOUBLE_CLICK) this.lastProblem = { vehicle, problem: outcome.problem };
+  }
+
+  /** Stops the stream; what was received stays. */
+  async stopStream(api: ApiClient, vehicle: string): Promise<void> {
+    const outcome = await this.gate.run({ name: 'Stop the log stream', vehicles: [vehicle] }, () =>
+      api.delete('/vehicles/{v}/logs/stream', ofVehicle(vehicle)),
+    );
+    if (!outcome.ok && outcome.problem.code !== DOUBLE_CLICK) this.lastProblem = { vehicle, problem: outcome.problem };
+  }
+
+  private async followStream(api: ApiClient, begun: Operation): Promise<void> {
+    await follow(api, begun, (operation) => {
+      if (this.streamed?.id !== begun.id && operation !== begun) return false;
+      this.streamed = operation;
+      if (operation.error !== null && operation.vehicle !== null) this.lastProblem = { vehicle: operation.vehicle, problem: operation.error };
+      return true;
+    });
   }
 
   async read(api: ApiClient, vehicle: string): Promise<void> {

@@ -80,4 +80,26 @@ describe('the logs on a vehicle', () => {
     expect([logs.toErase, logs.logsOf('1')]).toEqual([null, []]);
     expect(sent).toContain('POST /api/v1/vehicles/1/logs/erase');
   });
+
+  it('are streamed while the vehicle writes them, also if another page has begun it', async () => {
+    const stream = (more: object) => operation({ kind: 'logs/stream', subject: null, ...more });
+    const { api, sent } = scripted({
+      'GET /api/v1/operations': [[200, { operations: [stream({})] }]],
+      'GET /api/v1/operations/7': [
+        [200, stream({ text: '1.2 MB received, 60 kB/s, 0.0% lost.' })],
+        [200, stream({ state: 'succeeded', result: { flight: 'f1' } })],
+      ],
+      'DELETE /api/v1/vehicles/1/logs/stream': [[204, null]],
+    });
+    const logs = new VehicleLogs();
+    const found = logs.findStream(api, '1');
+    await vi.advanceTimersByTimeAsync(600);
+    expect(logs.streamOf('1')?.text).toContain('60 kB/s');
+    expect(logs.streamOf('2')).toBeNull();
+    await logs.stopStream(api, '1');
+    await vi.advanceTimersByTimeAsync(600);
+    await found;
+    expect(logs.streamOf('1')?.state).toBe('succeeded');
+    expect(sent).toContain('DELETE /api/v1/vehicles/1/logs/stream');
+  });
 });
