@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -33,11 +34,15 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
         return probe.getsockname()[1]
 
 
+ENDS_WITH_PARENT = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
+"""Starts a program that also ends if the test is killed."""
+
+
 @contextlib.contextmanager
 def running_process(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """Runs a command as a process group that ends with the block, also after an error."""
+    """Runs a command as a process group that ends with the block, also after an error, and with this process."""
     settings: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL} | options
-    process = subprocess.Popen(command, start_new_session=True, **settings)
+    process = subprocess.Popen([*ENDS_WITH_PARENT, *command], start_new_session=True, **settings)
     try:
         yield process
     finally:
