@@ -40,7 +40,7 @@ ENDS_WITH_PARENT = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv")
 
 @contextlib.contextmanager
 def running_process(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[bytes]]:
-    """Runs a command as a process group that ends with the block, also after an error, and with this process."""
+    """Runs a command as a process group that ends with the block, or with this process."""
     settings: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL} | options
     process = subprocess.Popen([*ENDS_WITH_PARENT, *command], start_new_session=True, **settings)
     try:
