@@ -9,6 +9,7 @@ from pydantic import Field
 from gcs_server.api.offboard_mission_models import FlownMissionModel
 from gcs_server.api.reflect import model_of
 from gcs_server.api.strict_body import ResponseBody, StrictBody, example
+from gcs_server.logbook.beside_plan import BesidePlan, Excursion
 from gcs_server.logbook.logged_flights import LoggedFlight
 from gcs_server.logbook.uploads import MAX_BYTES
 
@@ -69,6 +70,12 @@ class FlightFile(ResponseBody):
 
 
 FlightInLog = model_of(LoggedFlight)
+ExcursionModel = model_of(Excursion)
+BesidePlanModel = model_of(
+    BesidePlan,
+    far_from_path=tuple[ExcursionModel, ...],
+    outside_corridor=tuple[ExcursionModel, ...],
+)
 
 
 class FlightPart(ResponseBody):
@@ -185,6 +192,33 @@ class FlownPlan(ResponseBody):
     """Time on the main log of the comparison's start [s]."""
     flown: FlownMissionModel | None  # type: ignore[valid-type]
     """The flight compared with its plan; null: it was not compared."""
+    compared: BesidePlanModel | None  # type: ignore[valid-type]
+    """Figures of the comparison, and of that with the dry run; null: it was not compared."""
+
+
+class LogFinding(ResponseBody):
+    """One thing that a log shows."""
+
+    kind: str
+    """Its kind, such as `vibration` or `failsafe`."""
+    title: str
+    """The kind in words."""
+    vehicle: str
+    """MAVLink system id; empty: not known."""
+    severity: Literal["warning", "caution"]
+    """warning: it endangered the flight; caution: look at it before the next one."""
+    begin_s: float
+    """Begin [s since the log's start]."""
+    end_s: float
+    """End."""
+    text: str
+    """What happened."""
+    limit: str
+    """What would be normal, and who says so."""
+    remedy: str
+    """What to do."""
+    panes: list[list[str]]
+    """Fields and expressions that show it, for each pane of plots."""
 
 
 class FlightRecord(ResponseBody):
@@ -194,6 +228,8 @@ class FlightRecord(ResponseBody):
     """The flight."""
     plan: FlownPlan | None
     """The plan or program that was flown; null: none that this server knows."""
+    findings: list[LogFinding]
+    """What of the comparison with plan and dry run is a finding; times are those of the main log."""
     commands: list[FlightCommand]
     """Commands to its vehicle from two minutes before arming, oldest first; those of other vehicles are left
     out."""
@@ -406,31 +442,6 @@ class FlightTable(ResponseBody):
     """Time of each row [s since the log's start]."""
     rows: list[list[float | int | str | bool | None]]
     """Values of each row; null: not a number, or infinite."""
-
-
-class LogFinding(ResponseBody):
-    """One thing that a log shows."""
-
-    kind: str
-    """Its kind, such as `vibration` or `failsafe`."""
-    title: str
-    """The kind in words."""
-    vehicle: str
-    """MAVLink system id; empty: not known."""
-    severity: Literal["warning", "caution"]
-    """warning: it endangered the flight; caution: look at it before the next one."""
-    begin_s: float
-    """Begin [s since the log's start]."""
-    end_s: float
-    """End."""
-    text: str
-    """What happened."""
-    limit: str
-    """What would be normal, and who says so."""
-    remedy: str
-    """What to do."""
-    panes: list[list[str]]
-    """Fields and expressions that show it, for each pane of plots."""
 
 
 class NotJudged(ResponseBody):

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from gcs_server.logbook.beside_plan import PREDICTED, beside_plan, plan_findings
 from gcs_server.logbook.joined_flights import Flight
 from gcs_server.logbook.notes import NotesHead, NotesStore
 
@@ -44,7 +45,13 @@ def joined_view(flight: Flight) -> dict[str, Any]:
 
 def record_view(flight: Flight, store: NotesStore) -> dict[str, Any]:
     """A flight with the details of its notes; blocks."""
-    view: dict[str, Any] = {"flight": joined_view(flight), "plan": None, "commands": [], "parameters": []}
+    view: dict[str, Any] = {
+        "flight": joined_view(flight),
+        "plan": None,
+        "findings": [],
+        "commands": [],
+        "parameters": [],
+    }
     for head in flight.notes:
         body = store.details(head.id)
         if body is not None:
@@ -61,7 +68,12 @@ def _add(view: dict[str, Any], flight: Flight, head: NotesHead, details: dict[st
     if details["plan"]["kind"] is not None and view["plan"] is None:
         flown = details["plan"]["flown"]
         started_unix_s = head.flight.begin_unix_s if flown is None else flown["started_unix_s"]
-        view["plan"] = {**details["plan"], "begin_s": (started_unix_s or 0.0) + offset_s}
+        begin_s = (started_unix_s or 0.0) + offset_s
+        compared = beside_plan(details["plan"], begin_s)
+        noted = {name: value for name, value in details["plan"].items() if name != PREDICTED}
+        view["plan"] = {**noted, "begin_s": begin_s, "compared": compared}
+        if compared is not None:
+            view["findings"] = plan_findings(compared, flight.best.vehicle, begin_s)
     known = {(each["unix_s"], each["command"]) for each in view["commands"]}
     view["commands"] += [
         {

@@ -13,8 +13,9 @@ from typing import Any
 import msgspec
 
 from gcs_server.clock import Clock
-from gcs_server.errors import Refused, UnknownLink
+from gcs_server.errors import Refused, UnknownDryRun, UnknownLink
 from gcs_server.flights.flights import Flights
+from gcs_server.logbook.beside_plan import PREDICTED
 from gcs_server.logbook.logged_flights import Ended, LoggedFlight
 from gcs_server.logbook.notes import NotesHead, NotesStore
 from gcs_server.mavlink.router import Router
@@ -51,6 +52,19 @@ class _Flight:
     modes: dict[str, None] = field(default_factory=dict[str, None])
     ended_s: float | None = None
     written_s: float = float("-inf")
+
+
+class _DryFlight(msgspec.Struct):
+    battery_start_share: float
+    battery_end_share: float | None
+
+
+class _DryRun(msgspec.Struct):
+    """What is noted of a dry run."""
+
+    nominal: _DryFlight
+    group: msgspec.Raw | None = None
+    """The flights of several vehicles; `nominal` is that of the first."""
 
 
 class FlightNotes:
@@ -171,10 +185,22 @@ class FlightNotes:
             self._supervisor.spawn(f"vehicle {flight.vehicle.id}: notes of its flight", work)
 
     def _save(self, head: NotesHead, details: dict[str, Any] | None) -> None:
+        if details is not None and details["plan"]["dry_run"] is not None:
+            details["plan"][PREDICTED] = self._predicted(details["plan"]["dry_run"])
         try:
             self._store.write(head, None if details is None else msgspec.json.encode(details))
         except OSError as error:
             log.warning("the notes of a flight of vehicle %s cannot be written: %s", head.vehicle, error)
+
+    def _predicted(self, dry_run_id: str) -> float | None:
+        """What the dry run used of the battery, 0 to 1; None: not known, or dropped. Blocks."""
+        try:
+            dry_run = msgspec.json.decode(self._flights.dry_runs.body(dry_run_id), type=_DryRun)
+        except (UnknownDryRun, msgspec.ValidationError):
+            return None
+        start, end = dry_run.nominal.battery_start_share, dry_run.nominal.battery_end_share
+        is_of_several = dry_run.group is not None and bytes(dry_run.group) != b"null"
+        return None if end is None or is_of_several else round(start - end, 3)
 
     def _head(self, flight: _Flight) -> NotesHead:
         vehicle, end_s = flight.vehicle, flight.ended_s

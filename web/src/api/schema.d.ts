@@ -4157,6 +4157,67 @@ export interface components {
             readonly value: components["schemas"]["Battery"];
         };
         /**
+         * BesidePlan
+         * @description A flight beside its plan and its dry run.
+         */
+        readonly BesidePlan: {
+            /**
+             * Deviation Max M
+             * @description Largest distance from the planned position; null: not known.
+             */
+            readonly deviation_max_m: number | null;
+            /**
+             * Deviation Rms M
+             * @description Root of the mean square of these distances.
+             */
+            readonly deviation_rms_m: number | null;
+            /**
+             * Deviation Max S
+             * @description When it was largest [s since the start of the main log].
+             */
+            readonly deviation_max_s: number | null;
+            /**
+             * Deviation Max Place
+             * @description In which step or item.
+             */
+            readonly deviation_max_place: string | null;
+            /**
+             * Far From Path
+             * @description Times more than 5 m from the planned position.
+             */
+            readonly far_from_path: readonly components["schemas"]["Excursion"][];
+            /**
+             * Duration S
+             * @description Flown time, as in `flown`.
+             */
+            readonly duration_s: number;
+            /**
+             * Planned Duration S
+             * @description Planned value of it; null: not known.
+             */
+            readonly planned_duration_s: number | null;
+            /**
+             * Battery Used Share
+             * @description Used charge, 0 to 1; null: not reported.
+             */
+            readonly battery_used_share: number | null;
+            /**
+             * Predicted Battery Used Share
+             * @description The same in the dry run with which the flight was compared; null: none, or it did not tell.
+             */
+            readonly predicted_battery_used_share: number | null;
+            /**
+             * Has Corridor
+             * @description Whether the corridor of a dry run with varied flights was monitored.
+             */
+            readonly has_corridor: boolean;
+            /**
+             * Outside Corridor
+             * @description Times outside it.
+             */
+            readonly outside_corridor: readonly components["schemas"]["Excursion"][];
+        };
+        /**
          * Bounds
          * @description Limits of this mission; each applies if it is lower than the vehicle's limit.
          */
@@ -6307,6 +6368,32 @@ export interface components {
             readonly value: components["schemas"]["Estimator"];
         };
         /**
+         * Excursion
+         * @description A time outside the dry run's corridor, or beyond the limit of distance.
+         */
+        readonly Excursion: {
+            /**
+             * Begin S
+             * @description Begin [s since the start of the main log].
+             */
+            readonly begin_s: number;
+            /**
+             * End S
+             * @description End.
+             */
+            readonly end_s: number;
+            /**
+             * Max M
+             * @description Largest distance [m].
+             */
+            readonly max_m: number;
+            /**
+             * Place
+             * @description Step or item at the largest distance.
+             */
+            readonly place: string | null;
+        };
+        /**
          * FailsafeRequest
          * @description The vehicle's own action when the stream stops; omitted fields stay unchanged.
          * @example {
@@ -6878,6 +6965,11 @@ export interface components {
             /** @description The plan or program that was flown; null: none that this server knows. */
             readonly plan: components["schemas"]["FlownPlan"] | null;
             /**
+             * Findings
+             * @description What of the comparison with plan and dry run is a finding; times are those of the main log.
+             */
+            readonly findings: readonly components["schemas"]["LogFinding"][];
+            /**
              * Commands
              * @description Commands to its vehicle from two minutes before arming, oldest first; those of other vehicles are left
              *     out.
@@ -7064,6 +7156,8 @@ export interface components {
             readonly begin_s: number;
             /** @description The flight compared with its plan; null: it was not compared. */
             readonly flown: components["schemas"]["FlownMission"] | null;
+            /** @description Figures of the comparison, and of that with the dry run; null: it was not compared. */
+            readonly compared: components["schemas"]["BesidePlan"] | null;
         };
         /**
          * FlownSample

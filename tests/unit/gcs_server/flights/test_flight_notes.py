@@ -54,9 +54,12 @@ class Setup:
         )
         self.fleet = [self.vehicle]
         self.waypoint_status = None
+        self.dry_run = b"{}"
         waypoint_flights = SimpleNamespace(status=lambda _: self.waypoint_status, flown=lambda _: Flown())
         flights = SimpleNamespace(
-            waypoint_flights=waypoint_flights, missions=SimpleNamespace(find_flight=lambda _: None)
+            waypoint_flights=waypoint_flights,
+            missions=SimpleNamespace(find_flight=lambda _: None),
+            dry_runs=SimpleNamespace(body=lambda _: self.dry_run),
         )
         self.ended = []
         self.store = NotesStore(tmp_path / "notes")
@@ -139,6 +142,32 @@ def test_a_flight_is_noted_from_arming_to_disarming(setup, tmp_path):
     assert details["plan"]["flown"] == {"started_unix_s": 1e9 + 101}
     assert [each["client"] for each in details["commands"]] == ["Ann"]
     assert {vehicle for vehicle, _, _ in setup.asked} == {"1"}
+
+
+@pytest.mark.parametrize(
+    ("body", "used"),
+    [
+        (b'{"nominal": {"battery_start_share": 0.9, "battery_end_share": 0.6}, "group": null, "x": 1}', 0.3),
+        (b'{"nominal": {"battery_start_share": 0.9, "battery_end_share": null}, "group": null}', None),
+        (b'{"nominal": {"battery_start_share": 0.9, "battery_end_share": 0.6}, "group": {"a": 1}}', None),
+        (b"{}", None),
+    ],
+)
+def test_what_the_dry_run_used_of_the_battery_is_noted_if_it_is_of_this_vehicle(setup, body, used):
+    setup.dry_run = body
+
+    def flight():
+        setup.fly(3, armed=False, landed="on_ground")
+        setup.waypoint_status = SimpleNamespace(
+            started_unix_s=1e9 + 104, name="Bridge", plan_id="p1", version=2, dry_run="d1"
+        )
+        setup.fly(3)
+        setup.fly(2, armed=False, landed="on_ground")
+
+    run(setup, flight)
+    (head,) = setup.store.heads()
+    plan = json.loads(setup.store.details(head.id))["plan"]
+    assert (plan["dry_run"], plan["predicted_battery_used_share"]) == ("d1", used)
 
 
 def test_a_vehicle_that_flew_before_the_server_started_is_said_to_start_armed(setup):

@@ -115,8 +115,16 @@ export class ParamChanges {
     this.chosen = new Set(isChosen ? [...this.chosen, name] : [...this.chosen].filter((each) => each !== name));
   }
 
-  /** Compares, and opens the review. Nothing is written. */
-  async review({ id, name }: { readonly id: string; readonly name: string }, title: string, source: ReviewSource): Promise<boolean> {
+  /**
+   * Compares, and opens the review. Nothing is written.
+   * @param isEachMeant whether a person has named each parameter; of whole sets those are not chosen that another vehicle should hardly take over.
+   */
+  async review(
+    { id, name }: { readonly id: string; readonly name: string },
+    title: string,
+    source: ReviewSource,
+    isEachMeant = source.changes != null || source.undo === true,
+  ): Promise<boolean> {
     this.openReview = this.lastProblem = this.lastResult = null;
     const outcome = await this.gate.run({ name: REVIEW, vehicles: [id] }, async (fixed) => {
       const answer = await this.api.post('/vehicles/{v}/param_changes/review', { ...ofVehicle(id), body: { force: false, ...source } });
@@ -128,8 +136,6 @@ export class ParamChanges {
     }
     const { rows, notes, fixed } = outcome.value;
     this.openReview = { vehicle: id, name, title, notes, rows: sortedRows(rows), undo: source.undo === true, fixed };
-    // Of whole sets of parameters, those are not chosen that another vehicle should hardly take over.
-    const isEachMeant = source.changes != null || source.undo === true;
     this.chosen = new Set(rows.filter((row) => isChange(row) && (isEachMeant || !(row.volatile || row.individual))).map((row) => row.name));
     return true;
   }

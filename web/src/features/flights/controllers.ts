@@ -1,5 +1,6 @@
 /** The page's only instances. */
 
+import { ParamChanges } from '../../app/param-changes/changes.svelte';
 import { page } from '../../app/page.svelte';
 import { rooms } from '../../app/registry.svelte';
 import { LiveView, stateOf, type State } from '../../plots/live-view.svelte';
@@ -8,6 +9,7 @@ import { FlightLibrary, titleOf, type Row } from './library.svelte';
 import { LogView } from './log-view.svelte';
 import { WhatIf } from './what-if.svelte';
 import { Values } from './values.svelte';
+import { ParamCompare } from './param-compare.svelte';
 import { VehicleLogs } from './logs.svelte';
 import { plotsShown } from './plots-shown.svelte';
 
@@ -22,6 +24,8 @@ export const values = new Values(page.api, view, (url) => {
   link.download = '';
   link.click();
 });
+export const paramCompare = new ParamCompare(page.api);
+export const paramChanges = new ParamChanges(page.api, commandGate);
 export const vehicleLogs = new VehicleLogs(commandGate);
 
 /** Shows what arrives of a vehicle. @param panes their fields, as of a telemetry log. */

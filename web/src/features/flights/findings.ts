@@ -16,6 +16,13 @@ export async function loadFindings(api: ApiClient, id: string): Promise<Findings
   return response.ok ? { findings: response.value } : { problem: response.problem };
 }
 
+/** The findings of a log, and those of the flight beside its plan, by time. */
+export function withFindings(answer: FindingsOrProblem | null, more: readonly Finding[]): FindingsOrProblem | null {
+  if (answer === null || 'problem' in answer || more.length === 0) return answer;
+  const findings = [...answer.findings.findings, ...more].sort((a, b) => a.begin_s - b.begin_s);
+  return { findings: { ...answer.findings, findings } };
+}
+
 /** What could not be judged, by its reason: one line for all kinds that lack the same. */
 export function missing(notJudged: readonly NotJudged[]): readonly { reason: string; titles: readonly string[] }[] {
   const titles = new Map<string, Set<string>>();

@@ -40,6 +40,20 @@ describe('the flown path of a log', () => {
     expect(timeAt({ points: [], yaw: undefined }, { lat_deg: 47, lon_deg: 8 }, 10)).toBeNull();
   });
 
+  it('has the parts that were far from the plan in the colours of Fly', () => {
+    const track = trackOf([series([0, 10], [47, 48]), series([0, 10], [8, 9]), series([0, 10], [480, 500]), undefined]);
+    const deviations = [0, 3, 3, 6, 1, null, 7];
+    const samples = deviations.map((deviation_m, i) => ({ t_s: i, flown_ned_m: [i, 0, 0], deviation_m }));
+    const record = { plan: { flown: { origin: { lat_deg: 47, lon_deg: 8, alt_amsl_m: 400 }, planned_legs: [], samples } } } as never;
+    const lines = trackLayer(track, null, record)?.lines ?? [];
+    expect(lines.map(({ tone, positions }) => [tone, positions.length])).toEqual([
+      ['actual', 1500],
+      ['caution', 3],
+      ['danger', 2],
+      ['danger', 2],
+    ]);
+  });
+
   it('leaves out what is no position', () => {
     const track = trackOf([series([0, 1, 1.001, 10], [0, 0, 47, 47]), series([0, 1, 1.001, 10], [0, 0, 8, 8]), series([0, 10], [0, 480]), undefined]);
     expect(track.points.every(({ lat_deg }) => lat_deg > 40)).toBe(true);

@@ -1,6 +1,7 @@
 /** The flown path of an open flight, for the map and the 3D view. Pure functions. */
 
-import type { LayerContent, LayerPosition } from '../../app/map-layers.svelte';
+import type { LayerContent, LayerLine, LayerPosition } from '../../app/map-layers.svelte';
+import { deviationTone } from '../../app/deviation';
 import { eastNorth, positionAt, type GeoPosition } from '../../vehicle/geo';
 import { indexAfter, valueAt, type FieldSource, type Series } from '../../plots/plot-view.svelte';
 import type { FlightRecord } from './log-view.svelte';
@@ -94,6 +95,7 @@ export function trackLayer(track: Track | null, cursor_s: number | null, record:
     lines: [
       ...plannedLines(record).map((positions) => ({ positions, tone: 'target' as const, style: 'dashed' as const })),
       { positions: track.points, tone: 'actual' as const, style: 'solid' as const },
+      ...farLines(record),
     ],
     areas: [],
     ground: { lat_deg: first.lat_deg, lon_deg: first.lon_deg, alt_amsl_m: Math.min(...track.points.map(({ alt_amsl_m }) => alt_amsl_m)) },
@@ -110,6 +112,27 @@ function plannedLines(record: FlightRecord | null): LayerPosition[][] {
       points.map(([, north_m = 0, east_m = 0, down_m = 0]) => ({ ...positionAt(origin, { north_m, east_m }), alt_amsl_m: origin.alt_amsl_m - down_m })),
     )
     .filter((positions) => positions.length > 1);
+}
+
+/** The parts of the flown path that are far from the planned one, in the colours of Fly. */
+function farLines(record: FlightRecord | null): LayerLine[] {
+  const flown = record?.plan?.flown;
+  if (flown?.origin == null) return [];
+  const { origin } = flown;
+  const lines: { positions: LayerPosition[]; tone: LayerLine['tone']; style: 'solid' }[] = [];
+  let previous: LayerPosition | null = null;
+  let tone: LayerLine['tone'] = 'actual';
+  for (const {
+    flown_ned_m: [north_m = 0, east_m = 0, down_m = 0],
+    deviation_m,
+  } of flown.samples) {
+    const position: LayerPosition = { ...positionAt(origin, { north_m, east_m }), alt_amsl_m: origin.alt_amsl_m - down_m };
+    const now = deviationTone(deviation_m);
+    if (now !== 'actual' && now !== tone) lines.push({ positions: previous === null ? [] : [previous], tone: now, style: 'solid' });
+    if (now !== 'actual') lines.at(-1)?.positions.push(position);
+    [previous, tone] = [position, now];
+  }
+  return lines.filter(({ positions }) => positions.length > 1);
 }
 
 /** A value between the samples around a time. */

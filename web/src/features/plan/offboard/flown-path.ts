@@ -1,6 +1,7 @@
 /** Compares an ended mission with its plan: figures, plots and map. Pure functions. */
 
 import type { components } from '../../../api/schema';
+import { deviationTone } from '../../../app/deviation';
 import type { LayerLine, LayerContent, Tone } from '../../../app/map-layers.svelte';
 import { durationText, fixed, distanceText as knownDistanceText, lengthText as shortLength } from '../../../ui/format';
 import { positionAt } from '../../../vehicle/geo';
@@ -15,14 +16,6 @@ type Vector = readonly number[];
 /** Movements below this distance [m] are left out of the flown length, as noise of the position estimate. */
 const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
-
-/** Largest distances [m] from the planned path in the colours of the flown path: PX4 turns within NAV_ACC_RAD, by default 2 m, before an item. */
-export const DEVIATION_LIMITS_M = { ok: 2, caution: 5 } as const;
-
-export function deviationTone(distance_m: number | null): Tone {
-  if (distance_m === null || distance_m <= DEVIATION_LIMITS_M.ok) return 'actual';
-  return distance_m <= DEVIATION_LIMITS_M.caution ? 'caution' : 'danger';
-}
 
 /** Labels of `duration_s`, which for an offboard mission excludes take-off and landing. */
 const TIME_LABELS = { setpoints: 'Time with setpoints', armed: 'Time armed' } as const;
