@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { FieldSource, Series } from '../../plots/plot-view.svelte';
-import { positionOn, timeAt, trackFields, trackLayer, trackOf } from './track';
+import { positionOn, rerunLayer, timeAt, trackFields, trackLayer, trackOf } from './track';
 
 const source = (prefix: string, id: string, fields: readonly string[]): FieldSource => {
   const named = fields.map((name) => ({ name, unit: null, type: 'float64' }));
@@ -52,6 +52,18 @@ describe('the flown path of a log', () => {
       ['danger', 2],
       ['danger', 2],
     ]);
+  });
+
+  it('has the paths of a rerun beside it, from where it was then', () => {
+    const track = trackOf([series([0, 10], [47, 47]), series([0, 10], [8, 8]), series([0, 10], [480, 500]), undefined]);
+    const path = { t_s: [5, 6], position_ned_m: [[100, 10, -20], [111, 10, -25]], tone: 'id2', id: 'unchanged' } as const; // prettier-ignore
+    const layer = rerunLayer(track, [100, 10, -20], [path], 6);
+    const [first, last] = layer?.lines[0]?.positions ?? [];
+    expect(first).toMatchObject({ lat_deg: expect.closeTo(47, 9), lon_deg: expect.closeTo(8, 9), alt_amsl_m: expect.closeTo(490, 6) });
+    expect(last).toMatchObject({ lat_deg: expect.closeTo(47.0000989, 5), alt_amsl_m: expect.closeTo(495, 6) });
+    expect(layer?.points).toMatchObject([{ id: 'unchanged', tone: 'id2', alt_amsl_m: expect.closeTo(495, 6) }]);
+    expect(rerunLayer(track, [100, 10, -20], [path], 7)?.points).toEqual([]);
+    expect([rerunLayer(null, [0, 0, 0], [path], 6), rerunLayer(track, undefined, [path], 6), rerunLayer(track, [0, 0, 0], [], 6)]).toEqual([null, null, null]);
   });
 
   it('leaves out what is no position', () => {

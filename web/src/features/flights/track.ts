@@ -82,6 +82,41 @@ export function timeAt({ points }: Track, place: GeoPosition, within_m: number):
   return t_s;
 }
 
+/** A path of a rerun, with its times on the main log. */
+export interface RerunPath {
+  readonly t_s: readonly number[];
+  readonly position_ned_m: readonly (readonly number[])[];
+  readonly tone: LayerLine['tone'];
+  readonly id: string;
+}
+
+/**
+ * The paths of a rerun on map and in 3D, each with its vehicle at the cursor. They begin where the flown path is then: the log's local
+ * origin need not be known. @param logged position at the first time in the local frame of the paths.
+ */
+export function rerunLayer(
+  track: Track | null,
+  logged: readonly number[] | undefined,
+  paths: readonly RerunPath[],
+  cursor_s: number | null,
+): LayerContent | null {
+  const begin_s = paths[0]?.t_s[0];
+  const at = track === null || begin_s === undefined ? null : positionOn(track, begin_s);
+  if (at === null || logged === undefined) return null;
+  const [north0 = 0, east0 = 0, down0 = 0] = logged;
+  const place = ([north_m = 0, east_m = 0, down_m = 0]: readonly number[]): LayerPosition => ({
+    ...positionAt(at, { north_m: north_m - north0, east_m: east_m - east0 }),
+    alt_amsl_m: at.alt_amsl_m - (down_m - down0),
+  });
+  const points = paths.flatMap(({ t_s, position_ned_m, tone, id }) => {
+    const isInside = cursor_s !== null && cursor_s >= (t_s[0] ?? Infinity) && cursor_s <= (t_s.at(-1) ?? -Infinity);
+    const row = isInside ? position_ned_m[Math.max(0, indexAfter(t_s, cursor_s) - 1)] : undefined;
+    return row === undefined ? [] : [{ ...place(row), id, mark: 'disc' as const, tone, text: '', selected: false }];
+  });
+  const lines = paths.map(({ position_ned_m, tone }) => ({ positions: position_ned_m.map(place), tone, style: 'solid' as const }));
+  return { points, lines, areas: [] };
+}
+
 /** The flown path, the planned one, and the vehicle at the cursor; null: no position is known. */
 export function trackLayer(track: Track | null, cursor_s: number | null, record: FlightRecord | null): LayerContent | null {
   const [first] = track?.points ?? [];

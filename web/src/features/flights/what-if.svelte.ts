@@ -3,9 +3,11 @@
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { components } from '../../api/schema';
+import type { LayerContent } from '../../app/map-layers.svelte';
 import type { Series } from '../../plots/plot-view.svelte';
 import { RERUN } from '../../plots/sets';
 import type { LogPart, LogView } from './log-view.svelte';
+import { rerunLayer, type RerunPath } from './track';
 
 type Schemas = components['schemas'];
 export type Rerun = Schemas['RerunResult'];
@@ -28,6 +30,8 @@ export class WhatIf {
   isBusy = $state(false);
   result = $state.raw<Rerun | null>(null);
   problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
+  /** The unchanged and the changed path of the result, for map and 3D. */
+  paths = $state.raw<readonly RerunPath[]>([]);
   private request = 0;
 
   constructor(
@@ -48,6 +52,12 @@ export class WhatIf {
     this.windNorth = this.windEast = '';
     this.isBusy = false;
     this.result = this.problem = null;
+    this.paths = [];
+  }
+
+  /** The paths of the result beside the flown one, at the cursor of the plots. */
+  layer(): LayerContent | null {
+    return rerunLayer(this.view.track, this.result?.logged.position_ned_m[0], this.paths, this.view.cursor_s);
   }
 
   setParameter(name: string, value: number): void {
@@ -85,6 +95,10 @@ export class WhatIf {
     if (!response.ok) return;
     this.result = response.value;
     const t_s = response.value.t_s.map((at_s) => at_s + offset_s);
+    this.paths = [
+      { t_s, position_ned_m: response.value.unchanged.position_ned_m, tone: 'id2', id: 'unchanged' },
+      { t_s, position_ned_m: response.value.changed.position_ned_m, tone: 'id3', id: 'changed' },
+    ];
     const { series, panes } = plotsOf({ ...response.value, t_s });
     this.view.showComputed(series, panes, { from_s: t_s[0] ?? from_s, to_s: t_s.at(-1) ?? from_s });
   }
