@@ -187,8 +187,8 @@ def fly_every_action(hand: Mouse, station: Station) -> None:
     drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold")
 
     hand.open("Follow")
-    leader = panel.get_by_label("Vehicle", exact=True).locator("option").last.inner_text()
-    hand.choose("Vehicle", leader)
+    leader = panel.get_by_label("Whom", exact=True).locator("option").nth(1).inner_text()
+    hand.choose("Whom", leader)
     hand.press(panel.get_by_role("button", name="Follow…"))
     hand.confirm()
     expect(panel).to_contain_text(f"Follows {leader}", timeout=30_000)

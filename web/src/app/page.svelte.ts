@@ -57,6 +57,8 @@ class Page {
    * vehicles whose setpoints this page renews.
    */
   readonly neededVehicles: (() => Iterable<string>)[] = [];
+  /** Called when a person sends the vehicle a setpoint by the Offboard card, room, a drag or the gamepad: nothing else of this page may fly it then. */
+  readonly setpointListeners: ((id: string) => void)[] = [];
   /** Called once per painted animation frame. */
   readonly paintListeners: (() => void)[] = [];
 

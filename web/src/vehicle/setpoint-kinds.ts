@@ -215,6 +215,7 @@ export function specOf(kind: SetpointKind): KindSpec {
 
 /** Displayed name of a setpoint type, for example "Velocity along heading" for `velocity_body`; an unknown type keeps its name. */
 export function kindName(type: string | null): string {
+  if (type === 'follow_device') return 'Follow a device'; // has no form: a device sends it
   return KINDS.find((k) => k.kind === type)?.name ?? type ?? 'setpoints';
 }
 

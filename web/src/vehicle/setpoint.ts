@@ -49,6 +49,8 @@ export interface Validity {
 /** The first setpoint of a stream. */
 export interface StreamStart {
   setpoint: AnySetpoint;
+  /** The same setpoint with the newest position of a device, when it is sent. */
+  newest?: () => AnySetpoint;
   validity: Validity;
   rate_hz: number;
   /** Description of the setpoint, for the confirmation. */

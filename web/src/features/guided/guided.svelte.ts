@@ -6,6 +6,7 @@ import { MAIN_PART, type ActionController } from '../../app/actions/controller.s
 import type { LayerContent, LayerEditor } from '../../app/map-layers.svelte';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { GeoPosition } from '../../vehicle/geo';
+import type { DeviceFollowing } from './device.svelte';
 import { followStart } from './follow';
 import {
   confirmationTexts,
@@ -30,7 +31,7 @@ import {
 const EMPTY: Draft = {
   kind: 'altitude',
   place: null,
-  texts: { alt_home_m: '', yaw_ned_deg: '', speed_m_s: '', radius_m: '20', behind_m: '5', above_m: '2' },
+  texts: { alt_home_m: '', yaw_ned_deg: '', speed_m_s: '', radius_m: '20', behind_m: '5', above_m: '2', distance_m: '15' },
   clockwise: true,
   nose: 'vehicle',
   leader: '',
@@ -40,6 +41,8 @@ const DEFAULT_ORBIT_SPEED = '3';
 
 export class GuidedCommands {
   draft = $state.raw<Draft>(EMPTY);
+  /** Following this device, once the panel has loaded it. */
+  device = $state.raw<DeviceFollowing | null>(null);
   /** The vehicle of the draft; null: none yet. */
   private vehicle = $state<string | null>(null);
   private limits = $state.raw<Readonly<Record<string, Limits>>>({});
@@ -131,7 +134,8 @@ export class GuidedCommands {
 
   /** What the map shows of the draft; null: nothing. */
   preview(facts: VehicleFacts | null): LayerContent | null {
-    return facts === null || facts.id !== this.vehicle ? null : previewContent(this.draft, facts, this.limitsOf(facts.id));
+    if (facts === null || facts.id !== this.vehicle || this.draft.kind === 'device') return null;
+    return previewContent(this.draft, facts, this.limitsOf(facts.id));
   }
 
   /** Whether the command has a position, which a click on the map sets. */
@@ -143,11 +147,14 @@ export class GuidedCommands {
   request(facts: VehicleFacts): void {
     const draft = this.draft;
     const { kind } = draft;
+    if (kind === 'device') return this.device?.request(draft, facts, this.limitsOf(facts.id));
     const at = placeOf(draft, facts);
     const leader = draft.kind === 'follow' ? this.factsNow(draft.leader) : null;
     if (at === null || whyNot(draft, facts, this.limitsOf(facts.id), leader) !== null) return;
     const accept = (outcome: Outcome<unknown>): void => {
-      if (outcome.ok) this.accepted = { ...this.accepted, [facts.id]: { draft, at } };
+      if (!outcome.ok) return;
+      this.accepted = { ...this.accepted, [facts.id]: { draft, at } };
+      this.device?.forget(facts.id);
     };
     if (kind === 'follow') {
       if (leader !== null) this.actions.request('offboard_start', facts, MAIN_PART, null, followStart(followingOf(draft), leader, accept));
@@ -169,7 +176,7 @@ export class GuidedCommands {
 
   /** @param codes findings about the geofence that the person has accepted. */
   private send(
-    draft: Draft & { kind: Exclude<Kind, 'follow'> },
+    draft: Draft & { kind: Exclude<Kind, 'follow' | 'device'> },
     id: string,
     { lat_deg, lon_deg }: GeoPosition,
     codes: readonly string[],

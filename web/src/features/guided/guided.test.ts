@@ -25,7 +25,7 @@ const NORTH = { lat_deg: 47.401, lon_deg: 8.5, ground_amsl_m: null };
 const draftOf = (kind: Draft['kind'], texts: Partial<Draft['texts']> = {}, more: Partial<Draft> = {}): Draft => ({
   kind,
   place: null,
-  texts: { alt_home_m: '20', yaw_ned_deg: '90', speed_m_s: '3', radius_m: '20', behind_m: '5', above_m: '2', ...texts },
+  texts: { alt_home_m: '20', yaw_ned_deg: '90', speed_m_s: '3', radius_m: '20', behind_m: '5', above_m: '2', distance_m: '15', ...texts },
   clockwise: true,
   nose: 'vehicle',
   leader: '',

@@ -9,9 +9,9 @@ import type { VehicleFacts } from '../../vehicle/facts';
 import { bearing_rad, groundDistance_m, positionAt, type GeoPosition } from '../../vehicle/geo';
 import { followProgress, followText, whyNotFollow, type Following, type FollowNose } from './follow';
 
-/** `go` needs a position from the map; `orbit` and `home` use the vehicle's position without one, `heading` the entered number. */
-export type Kind = 'go' | 'altitude' | 'heading' | 'speed' | 'orbit' | 'follow' | 'home';
-export type Field = 'alt_home_m' | 'yaw_ned_deg' | 'speed_m_s' | 'radius_m' | 'behind_m' | 'above_m';
+/** `device` follows the position of this device; `go` needs a position from the map; `orbit` and `home` use the vehicle's position without one, `heading` the entered number. */
+export type Kind = 'go' | 'altitude' | 'heading' | 'speed' | 'orbit' | 'follow' | 'device' | 'home';
+export type Field = 'alt_home_m' | 'yaw_ned_deg' | 'speed_m_s' | 'radius_m' | 'behind_m' | 'above_m' | 'distance_m';
 export type Nose = 'vehicle' | 'center' | 'initial' | 'tangent' | 'uncontrolled';
 
 export const KIND_NAMES: Readonly<Record<Kind, string>> = {
@@ -21,6 +21,7 @@ export const KIND_NAMES: Readonly<Record<Kind, string>> = {
   speed: 'Speed',
   orbit: 'Orbit',
   follow: 'Follow',
+  device: 'Follow this device',
   home: 'Home',
 };
 /** Text of the button of each command, and of its confirmation. */
@@ -31,6 +32,7 @@ export const VERBS: Readonly<Record<Kind, string>> = {
   speed: 'Change speed',
   orbit: 'Orbit',
   follow: 'Follow',
+  device: 'Follow this device',
   home: 'Set home',
 };
 export const NOSE_NAMES: Readonly<Record<Nose, string>> = {
@@ -48,6 +50,7 @@ export const FIELDS: Readonly<Record<Kind, readonly Field[]>> = {
   speed: ['speed_m_s'],
   orbit: ['radius_m', 'speed_m_s', 'alt_home_m'],
   follow: ['behind_m', 'above_m'],
+  device: ['distance_m', 'alt_home_m'],
   home: [],
 };
 const OPTIONAL: Readonly<Partial<Record<Kind, readonly Field[]>>> = { go: ['speed_m_s', 'yaw_ned_deg'] };
@@ -58,6 +61,7 @@ export const FIELD_NAMES: Readonly<Record<Field, { readonly label: string; reado
   radius_m: { label: 'Radius', unit: 'length', step: 1 },
   behind_m: { label: 'Behind it', unit: 'length', step: 1 },
   above_m: { label: 'Above it', unit: 'height', step: 1 },
+  distance_m: { label: 'Distance', unit: 'length', step: 1 },
 };
 
 /** A vehicle's limits and speeds, from its parameters; null: not known. */
@@ -97,6 +101,9 @@ export interface Draft {
 const ORBIT_ACCELERATION_M_S2 = 2;
 const CIRCLE_POINTS = 48;
 const HEADING_LINE_M = 30;
+/** Distances from a device that is followed, and heights above home [m]; the server refuses others. */
+const DEVICE_DISTANCES = { min: 5, max: 200, name: null };
+const DEVICE_HEIGHTS = { min: 5, max: 500, name: null };
 /** Largest offset from a followed vehicle [m]. */
 const FOLLOW_RANGE_M = 200;
 
@@ -131,7 +138,7 @@ export function fieldProblem(draft: Draft, field: Field, limits: Limits): string
   const value = numberOf(draft, field);
   const { label, unit } = FIELD_NAMES[field];
   if (value === null) return OPTIONAL[draft.kind]?.includes(field) === true ? null : `${label}: enter a number.`;
-  const { min, max, name } = boundsOf(field, limits);
+  const { min, max, name } = draft.kind === 'device' ? (field === 'distance_m' ? DEVICE_DISTANCES : DEVICE_HEIGHTS) : boundsOf(field, limits);
   if (!(value >= min && value <= max))
     return `From ${boundIn(unit, min, 'up')} to ${fixedShort(boundIn(unit, max, 'down'))} ${unitText(unit)}${name === null ? '' : ` (${name})`}.`;
   if (draft.kind !== 'orbit' || field !== 'speed_m_s') return null;
@@ -256,6 +263,8 @@ export function effectText(draft: Draft, facts: VehicleFacts, limits: Limits, le
       const approach_m = Math.abs(away_m - radius_m);
       return `Flies ${distanceText(approach_m)} to a circle of ${shortText('length', radius_m)} radius at ${heightText(alt_m)} above home, and circles ${draft.clockwise ? 'clockwise' : 'counter-clockwise'} at ${shortText('speed', speed_m_s)}, ${seconds(round_s)} a round, until another command.${leaves}${stream}`;
     }
+    case 'device':
+      return ''; // `device.svelte.ts`, which is loaded with the panel
     case 'follow':
       return leader === null ? '' : `${followText(followingOf(draft), facts, leader)}${leaves}`;
     case 'home':

@@ -11,6 +11,12 @@ provide('guided', {
     if (!registry.isOpen('guided')) registry.toggle('guided', facts);
   },
 });
+mapLayers.show({
+  id: 'device',
+  content: () => (page.facts === null ? null : (guided.device?.content(registry.isOpen('guided') ? guided.draft : null, page.facts) ?? null)),
+});
+page.setpointListeners.push((id) => guided.device?.end(id));
+page.neededVehicles.push(() => guided.device?.vehicles() ?? []);
 mapLayers.show({ id: 'orbit', content: () => (page.facts === null ? null : flownCircle(page.facts)) });
 const preview = () => (registry.isOpen('guided') ? guided.preview(page.facts) : null);
 mapLayers.show({ id: 'guided', content: () => (guided.usesPlace ? null : preview()) });

@@ -64,7 +64,7 @@ export class OffboardControl {
   /** Starts the stream with the given setpoint; null: with the vehicle's position. */
   async start(facts: VehicleFacts, streamStart: StreamStart | null = null): Promise<Outcome<unknown>> {
     if (streamStart !== null) {
-      const outcome = await this.postStart(facts.id, streamStart.setpoint, streamStart.validity, streamStart.rate_hz);
+      const outcome = await this.postStart(facts.id, streamStart.newest?.() ?? streamStart.setpoint, streamStart.validity, streamStart.rate_hz);
       streamStart.onOutcome?.(outcome);
       return outcome;
     }

@@ -17,7 +17,10 @@ export const groups = new GroupController(
   (id) => offboard.stopRenewing(id),
 );
 
-offboard.onVehicleSetpoint = (id) => groups.onVehicleSetpoint(id);
+offboard.onVehicleSetpoint = (id) => {
+  groups.onVehicleSetpoint(id);
+  for (const listener of page.setpointListeners) listener(id);
+};
 offboard.onRenewalRefused = (id, problem) => {
   for (const pagePart of ['offboard', 'offboardRoom'] as const) actions.showProblem('Renewing the setpoint', nameOf(id), pagePart, problem);
 };
