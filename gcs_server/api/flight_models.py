@@ -416,6 +416,35 @@ class FlightSeries(ResponseBody):
     """In the order of the request."""
 
 
+class FlightSpectrum(ResponseBody):
+    """Which frequencies a value has, and when: segments with a Hann window that overlap by half, without
+    their means, averaged by Welch's method."""
+
+    field: str
+    """The field or expression."""
+    unit: str | None
+    """Unit of `density`, one-sided: its sum times the resolution is the variance; null: not known."""
+    rate_hz: float
+    """Rate of the samples [Hz]; values are interpolated at it."""
+    segment_s: float
+    """Length of a segment [s]; the resolution is its inverse."""
+    segments: int
+    """Number of segments."""
+    gaps: int
+    """Gaps in the samples; no segment reaches over one."""
+    irregular: float
+    """Part of the steps between samples that differ by more than a fifth from the usual one: the highest
+    frequencies are then too weak."""
+    frequencies_hz: list[float]
+    """From 0 to half the rate."""
+    density: list[float]
+    """Power spectral density at each frequency."""
+    t_s: list[float]
+    """Middle of each column of the spectrogram [s since the log's start]."""
+    decibels: list[list[int]]
+    """Spectrogram: for each of these times 10·log10 of the density at each frequency."""
+
+
 class TableColumn(ResponseBody):
     """A column of a table."""
 

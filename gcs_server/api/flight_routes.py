@@ -190,6 +190,20 @@ async def flight_series(
     return Response(body, media_type="application/json")
 
 
+@router.get("/{f}/spectrum", response_model=m.FlightSpectrum)
+async def flight_spectrum(
+    f: str,
+    station: StationDep,
+    field: Annotated[str, Query(max_length=600, description=_FIELD)],
+    from_s: Annotated[
+        float | None, Query(ge=-1e7, le=1e7, description="Begin of the window [s since the log's start].")
+    ] = None,
+    to_s: Annotated[float | None, Query(ge=-1e7, le=1e7, description="End of the window.")] = None,
+) -> Response:
+    """The spectrum of a value by Welch's method, and its spectrogram: vibration, oscillation, noise."""
+    return Response(await station.logbook.spectrum(f, field, from_s, to_s), media_type="application/json")
+
+
 @router.get("/{f}/findings", response_model=m.FlightFindings)
 async def flight_findings(f: str, station: StationDep) -> Response:
     """What a log means: findings in plain sentences, each with its time, the fields that show it, the limit

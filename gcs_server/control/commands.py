@@ -451,6 +451,7 @@ ALL: tuple[Command, ...] = (
         "GET /flights/{f}/joined",
         "GET /flights/{f}/file",
         "GET /flights/{f}/series",
+        "GET /flights/{f}/spectrum",
         "GET /flights/{f}/findings",
         "GET /flights/{f}/table",
         "GET /flights/{f}/export",

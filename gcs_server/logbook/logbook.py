@@ -167,6 +167,10 @@ class Logbook:
         folder = await self._read_folder(file_id)
         return await self._work.plot(folder, fields, from_s, to_s, points)
 
+    async def spectrum(self, file_id: str, field: str, from_s: float | None, to_s: float | None) -> bytes:
+        """Which frequencies a field or expression has, and when, as JSON. Raises as `plot`."""
+        return await self._work.spectrum(await self._read_folder(file_id), field, from_s, to_s)
+
     async def findings(self, file_id: str) -> bytes:
         """What a log means, as JSON; of a recording that still grows, as far as it was read.
 

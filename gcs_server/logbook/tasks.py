@@ -40,6 +40,13 @@ def plot(folder: str, fields: list[str], from_s: float | None, to_s: float | Non
     return msgspec.json.encode({"series": found})
 
 
+def spectrum(folder: str, field: str, from_s: float | None, to_s: float | None) -> bytes:
+    """The spectrum and spectrogram of a value as JSON. Raises `columns.UnknownField`, OSError."""
+    from gcs_server.logbook import columns, spectra
+
+    return msgspec.json.encode(spectra.spectrum(columns.Columns(Path(folder)), field, from_s, to_s))
+
+
 def rerun(folder: str, from_s: float, to_s: float, change: dict[str, Any]) -> bytes:
     """Flies a part of a log again, as it was and with a change; the result as JSON.
 
@@ -98,6 +105,7 @@ def export(folder: str, name: str, request: dict[str, Any]) -> Stream:
 TASKS: dict[str, Callable[..., bytes | Stream]] = {
     "read": read,
     "plot": plot,
+    "spectrum": spectrum,
     "findings": findings,
     "rerun": rerun,
     "table": table,

@@ -79,6 +79,12 @@ class LogWork:
         async with self._plots.turn():
             return await self._run("plot", arguments)
 
+    async def spectrum(self, folder: Path, field: str, from_s: float | None, to_s: float | None) -> bytes:
+        """The spectrum and spectrogram of a field or expression, as JSON. Raises as `plot`."""
+        arguments = {"folder": str(folder), "field": field, "from_s": from_s, "to_s": to_s}
+        async with self._plots.turn():
+            return await self._run("spectrum", arguments)
+
     async def rerun(self, folder: Path, from_s: float, to_s: float, change: Mapping[str, Any]) -> bytes:
         """Flies a part of a log again in simulation; the result as JSON.
 

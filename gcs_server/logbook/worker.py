@@ -11,7 +11,17 @@ from gcs_server.operations.fork_server import TaskLimits, serve_tasks
 
 LIMITS = TaskLimits(memory_bytes=1_500_000_000, cpu_time_s=120, timeout_s=300)
 """Limits of one task: a ULog of 100 MB needs 3 s of processor time."""
-IMPORTED = ("columns", "exports.export", "findings.table", "mcap_log", "overview", "series", "tlog", "ulog")
+IMPORTED = (
+    "columns",
+    "exports.export",
+    "findings.table",
+    "mcap_log",
+    "overview",
+    "series",
+    "spectra",
+    "tlog",
+    "ulog",
+)
 """Modules of this package that take long to import."""
 
 

@@ -1476,6 +1476,26 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/flights/{f}/spectrum": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Flight Spectrum
+         * @description The spectrum of a value by Welch's method, and its spectrogram: vibration, oscillation, noise.
+         */
+        readonly get: operations["flight_spectrum_api_v1_flights__f__spectrum_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/flights/{f}/findings": {
         readonly parameters: {
             readonly query?: never;
@@ -6991,6 +7011,69 @@ export interface components {
              * @description In the order of the request.
              */
             readonly series: readonly components["schemas"]["LogSeries"][];
+        };
+        /**
+         * FlightSpectrum
+         * @description Which frequencies a value has, and when: segments with a Hann window that overlap by half, without
+         *     their means, averaged by Welch's method.
+         */
+        readonly FlightSpectrum: {
+            /**
+             * Field
+             * @description The field or expression.
+             */
+            readonly field: string;
+            /**
+             * Unit
+             * @description Unit of `density`, one-sided: its sum times the resolution is the variance; null: not known.
+             */
+            readonly unit: string | null;
+            /**
+             * Rate Hz
+             * @description Rate of the samples [Hz]; values are interpolated at it.
+             */
+            readonly rate_hz: number;
+            /**
+             * Segment S
+             * @description Length of a segment [s]; the resolution is its inverse.
+             */
+            readonly segment_s: number;
+            /**
+             * Segments
+             * @description Number of segments.
+             */
+            readonly segments: number;
+            /**
+             * Gaps
+             * @description Gaps in the samples; no segment reaches over one.
+             */
+            readonly gaps: number;
+            /**
+             * Irregular
+             * @description Part of the steps between samples that differ by more than a fifth from the usual one: the highest
+             *     frequencies are then too weak.
+             */
+            readonly irregular: number;
+            /**
+             * Frequencies Hz
+             * @description From 0 to half the rate.
+             */
+            readonly frequencies_hz: readonly number[];
+            /**
+             * Density
+             * @description Power spectral density at each frequency.
+             */
+            readonly density: readonly number[];
+            /**
+             * T S
+             * @description Middle of each column of the spectrogram [s since the log's start].
+             */
+            readonly t_s: readonly number[];
+            /**
+             * Decibels
+             * @description Spectrogram: for each of these times 10·log10 of the density at each frequency.
+             */
+            readonly decibels: readonly (readonly number[])[];
         };
         /**
          * FlightTable
@@ -23811,6 +23894,72 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["FlightSeries"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly flight_spectrum_api_v1_flights__f__spectrum_get: {
+        readonly parameters: {
+            readonly query: {
+                /** @description A field, `topic/field` as in the overview (`vehicle_attitude:0/q[0]`), or an expression with fields in braces: `norm({vehicle_local_position:0/vx}, {vehicle_local_position:0/vy})`. Operators: `+ - * / **` and comparisons; functions: abs, sqrt, sin, cos, atan2, min, max, degrees, radians, norm, derivative, and roll, pitch, yaw [°] of a quaternion. Repeated for several. */
+                readonly field: string;
+                /** @description Begin of the window [s since the log's start]. */
+                readonly from_s?: number | null;
+                /** @description End of the window. */
+                readonly to_s?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FlightSpectrum"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -5,6 +5,7 @@ import { layoutOf, renamed, showLayout, withLayout, type Layout } from './layout
 import { LiveBuffer, MAX_SAMPLES, thinned } from './live-buffer';
 import { continued, LiveView, stateOf, topicsOf, type Received } from './live-view.svelte';
 import { SETS } from './sets';
+import { methodText, pixels, strongest_hz, type Spectrum } from './spectrum';
 
 type Values = components['schemas']['LiveValues'];
 const ROLL = 'ATTITUDE:1.1/roll';
@@ -194,5 +195,36 @@ describe('a saved layout', () => {
     expect(renamed([a, b], 'a', ' c ').map(({ name }) => name)).toEqual(['c', 'b']);
     expect(renamed([a, b], 'a', 'b')).toEqual([a, b]);
     expect(renamed([a, b], 'a', ' ')).toEqual([a, b]);
+  });
+});
+
+describe('a spectrum', () => {
+  const found: Spectrum = {
+    ...{ field: 'a:0/x', unit: null, rate_hz: 100, segment_s: 2, segments: 4, gaps: 0, irregular: 0 },
+    frequencies_hz: [0, 10, 20, 30, 40],
+    density: [9, 9, 1, 5, 2],
+    t_s: [1, 2, 8],
+    decibels: [
+      [0, -60, -60, 0],
+      [0, -60, -60, -60],
+      [0, -60, 0, -60],
+    ],
+  };
+
+  it('says which frequency is strongest apart from drift, and what weakens it', () => {
+    expect(strongest_hz(found)).toBe(30);
+    expect(strongest_hz({ ...found, density: [1, 1, 0, 0, 0] })).toBeNull();
+    expect(methodText(found)).toBe('4 segments of 2 s (Hann, half overlap; Welch), 100 samples a second, resolution 0.5 Hz.');
+    expect(methodText({ ...found, gaps: 2, irregular: 0.126 })).toContain('2 gaps in the samples are left out. 13 % of the samples are uneven');
+  });
+
+  it('is drawn over the window, with high frequencies above and nothing where there are no values', () => {
+    const [width, height] = [10, 4];
+    const image = pixels(found, { from_s: 0, to_s: 10 }, width, height);
+    const at = (x: number, y: number): number[] => [...image.slice(4 * (y * width + x), 4 * (y * width + x) + 4)];
+    expect(at(0, 0)).toEqual([253, 231, 37, 255]);
+    expect(at(0, 1)).toEqual([30, 20, 70, 255]);
+    expect(at(8, 1)).toEqual([253, 231, 37, 255]);
+    expect(at(5, 0)[3]).toBe(0);
   });
 });

@@ -1,8 +1,10 @@
 /** Panes of plots over one window of time with one cursor. Where their values come from is the subclass's: a log, or a vehicle that flies. */
 
+import type { Outcome } from '../api/client';
 import type { Problem } from '../api/problems';
 import type { components } from '../api/schema';
 import { fieldsOfSet, type PlotSet } from './sets';
+import type { Spectrum } from './spectrum';
 
 type Schemas = components['schemas'];
 export type Series = Schemas['LogSeries'];
@@ -19,6 +21,8 @@ export interface FieldSource {
 export interface Pane {
   readonly id: number;
   readonly fields: readonly string[];
+  /** Shown by frequency, not by time. */
+  readonly isSpectrum?: boolean;
 }
 export interface Window {
   readonly from_s: number;
@@ -75,9 +79,29 @@ export abstract class PlotView {
     return [...new Set(this.panes.flatMap((pane) => pane.fields))];
   }
 
-  /** Shows these panes in place of the present ones. */
-  showPanes(panes: readonly (readonly string[])[]): void {
-    this.panes = panes.slice(0, MAX_PANES).map((fields) => ({ id: this.nextPane++, fields: fields.slice(0, MAX_FIELDS) }));
+  /** Whether spectra can be shown. */
+  get hasSpectra(): boolean {
+    return false;
+  }
+
+  /** The spectrum of a field in a window; null: nothing of it is here any more. */
+  loadSpectrum(_field: string, _window: Window): Promise<Outcome<Spectrum> | null> {
+    return Promise.resolve(null);
+  }
+
+  /** Shows a pane by frequency, or by time again. */
+  toggleSpectrum(id: number): void {
+    this.panes = this.panes.map((pane) => (pane.id === id ? { ...pane, isSpectrum: pane.isSpectrum !== true } : pane));
+  }
+
+  /** Shows these panes in place of the present ones. @param spectra the last panes, as many, are shown by frequency. */
+  showPanes(panes: readonly (readonly string[])[], spectra = 0): void {
+    const shown = panes.slice(0, MAX_PANES);
+    this.panes = shown.map((fields, i) => ({
+      id: this.nextPane++,
+      fields: fields.slice(0, MAX_FIELDS),
+      ...(this.hasSpectra && i >= shown.length - spectra ? { isSpectrum: true } : {}),
+    }));
     this.activePane = this.panes[0]?.id ?? 0;
     this.requestSeries();
   }
@@ -112,7 +136,7 @@ export abstract class PlotView {
   /** Shows the panes of a set in place of the present ones. */
   showSet(set: PlotSet): void {
     const panes = this.fieldsOf(set);
-    if (panes.length > 0) this.showPanes(panes);
+    if (panes.length > 0) this.showPanes(panes, panes.length > 1 ? (set.spectra ?? 0) : 0);
   }
 
   /** The fields of a set's panes, of the first source that has some. */

@@ -13,12 +13,16 @@ export const RERUN = 'rerun/';
 export interface PlotSet {
   readonly title: string;
   readonly panes: readonly WantedPane[];
+  /** The last panes, as many, are shown by frequency where that is possible. */
+  readonly spectra?: number;
 }
 
 const attitude = (angle: string): string => `${angle}({vehicle_attitude/q[0]}, {vehicle_attitude/q[1]}, {vehicle_attitude/q[2]}, {vehicle_attitude/q[3]})`;
 const attitudeSetpoint = (angle: string): string =>
   `${angle}({vehicle_attitude_setpoint/q_d[0]}, {vehicle_attitude_setpoint/q_d[1]}, {vehicle_attitude_setpoint/q_d[2]}, {vehicle_attitude_setpoint/q_d[3]})`;
 const indexed = (prefix: string, count: number): readonly string[] => Array.from({ length: count }, (_, i) => `${prefix}[${i}]`);
+
+const indexedFrom = (prefix: string, count: number): readonly string[] => Array.from({ length: count }, (_, i) => `${prefix}${i}`);
 
 export const SETS: readonly PlotSet[] = [
   {
@@ -58,6 +62,37 @@ export const SETS: readonly PlotSet[] = [
     ],
   },
   {
+    title: 'Saturation',
+    panes: [
+      [indexed('actuator_motors/control', 8), ['servo1_raw', 'servo2_raw', 'servo3_raw', 'servo4_raw'].map((f) => `SERVO_OUTPUT_RAW/${f}`)],
+      [[...indexed('control_allocator_status/unallocated_torque', 3), 'control_allocator_status/unallocated_thrust[2]']],
+      [indexed('control_allocator_status/actuator_saturation', 8)],
+    ],
+  },
+  {
+    title: 'Vibration',
+    panes: [
+      [['vehicle_imu_status/accel_vibration_metric', 'vehicle_imu_status/gyro_vibration_metric'], ['x', 'y', 'z'].map((axis) => `VIBRATION/vibration_${axis}`)],
+      [
+        ['vehicle_imu_status/accel_clipping[0]', 'vehicle_imu_status/accel_clipping[1]', 'vehicle_imu_status/accel_clipping[2]'],
+        indexedFrom('VIBRATION/clipping_', 3),
+      ],
+      [
+        indexed('sensor_combined/accelerometer_m_s2', 3),
+        indexed('vehicle_acceleration/xyz', 3),
+        ['sensor_accel/x', 'sensor_accel/y', 'sensor_accel/z'],
+        ['HIGHRES_IMU/xacc', 'HIGHRES_IMU/yacc', 'HIGHRES_IMU/zacc'],
+      ],
+      [
+        indexed('sensor_combined/gyro_rad', 3),
+        indexed('vehicle_angular_velocity/xyz', 3),
+        ['sensor_gyro/x', 'sensor_gyro/y', 'sensor_gyro/z'],
+        ['ATTITUDE/rollspeed', 'ATTITUDE/pitchspeed', 'ATTITUDE/yawspeed'],
+      ],
+    ],
+    spectra: 2,
+  },
+  {
     title: 'Battery',
     panes: [
       [['battery_status/voltage_v'], ['BATTERY_STATUS/voltages[0]', 'SYS_STATUS/voltage_battery']],
@@ -93,6 +128,30 @@ export const SETS: readonly PlotSet[] = [
         ['ESTIMATOR_STATUS/pos_horiz_accuracy', 'ESTIMATOR_STATUS/pos_vert_accuracy'],
       ],
       [['estimator_status/innovation_check_flags', 'estimator_status/solution_status_flags'], ['ESTIMATOR_STATUS/flags']],
+    ],
+  },
+  {
+    title: 'Innovations',
+    panes: [
+      [[...indexed('estimator_innovations/gps_hpos', 2), 'estimator_innovations/gps_vpos']],
+      [[...indexed('estimator_innovations/gps_hvel', 2), 'estimator_innovations/gps_vvel']],
+      [['estimator_innovations/baro_vpos', 'estimator_innovations/rng_vpos', 'estimator_innovations/ev_vpos']],
+      [['estimator_innovations/heading', ...indexed('estimator_innovations/mag_field', 3)]],
+    ],
+  },
+  {
+    title: 'Link',
+    panes: [
+      [['telemetry_status/rx_message_lost_rate', 'telemetry_status/tx_error_rate'], ['SYS_STATUS/drop_rate_comm'], ['LINK_NODE_STATUS/messages_lost']],
+      [
+        ['telemetry_status/rx_rate_avg', 'telemetry_status/tx_rate_avg'],
+        ['LINK_NODE_STATUS/rx_rate', 'LINK_NODE_STATUS/tx_rate'],
+      ],
+      [
+        ['radio_status/rssi', 'radio_status/remote_rssi', 'radio_status/noise'],
+        ['RADIO_STATUS/rssi', 'RADIO_STATUS/remrssi', 'RADIO_STATUS/noise'],
+      ],
+      [['input_rc/rssi'], ['RC_CHANNELS/rssi']],
     ],
   },
 ];

@@ -1,8 +1,9 @@
 /** An open log: its overview, the panes of plots, and the window of time that all panes show. */
 
-import type { ApiClient } from '../../api/client';
+import type { ApiClient, Outcome } from '../../api/client';
 import type { components } from '../../api/schema';
 import { POINTS, MAX_SERIES, PlotView, type FieldSource, type Series, type States, type Window } from '../../plots/plot-view.svelte';
+import type { Spectrum } from '../../plots/spectrum';
 import { plotsShown } from './plots-shown.svelte';
 import { trackFields, trackOf, type Track } from './track';
 
@@ -154,6 +155,20 @@ export class LogView extends PlotView {
     this.showPanes(panes);
     this.zoom(window);
     this.cursor_s = window.from_s;
+  }
+
+  override get hasSpectra(): boolean {
+    return true;
+  }
+
+  override async loadSpectrum(field: string, { from_s, to_s }: Window): Promise<Outcome<Spectrum> | null> {
+    const part = this.computed.has(field) ? undefined : this.parts[partOf(field)];
+    if (part === undefined) return null;
+    const { file, offset_s } = part;
+    const query = { field: unprefixed(field), from_s: from_s - offset_s, to_s: to_s - offset_s };
+    const answer = await this.api.get('/flights/{f}/spectrum', { params: { path: { f: file }, query } });
+    if (!answer.ok) return answer;
+    return { ok: true, value: { ...answer.value, field, t_s: answer.value.t_s.map((t_s) => t_s + offset_s) } };
   }
 
   protected requestSeries(): void {
