@@ -99,3 +99,33 @@ def test_the_vehicle_follows_this_device_until_its_positions_stop(
         drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold")
         expect(panel).to_contain_text("Following has ended")
         assert abs(away_m(drone, at) - 15) < 3
+
+
+def test_hold_ends_following_and_so_does_closing_the_page(browser: Browser, station: Station) -> None:
+    drone = station.drone
+    take_off_to_hold(drone)
+    drone.request("POST", "/control/release", {})
+    for ends_by_hold in (True, False):
+        with open_page(browser, station.url, size=(1280, 800), scene=False) as page:
+            page.locator(".pill").wait_for()
+            page.evaluate(ALWAYS_NEW)
+            page.context.grant_permissions(["geolocation"])
+            at = carry_device(page, drone, 0.0)
+            page.keyboard.press("b")
+            panel = page.get_by_label("Guide", exact=True)
+            panel.get_by_role("radio", name="Follow", exact=True).click()
+            panel.get_by_label("Whom", exact=True).select_option(label="This device")
+            panel.get_by_role("button", name="Follow this device…").click()
+            confirm_by_slider(page)
+            drone.until(lambda v: v["status"]["mode"] == "offboard", what="Offboard")
+            wait_until(lambda at=at: abs(away_m(drone, at) - 15) < 2, "15 m from the device", 40)
+            if ends_by_hold:
+                page.get_by_role("button", name="Hold", exact=True).first.click()
+                drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold")
+                for north_m in (2, 4, 6):  # the device moves on, the vehicle does not
+                    carry_device(page, drone, north_m)
+                    page.wait_for_timeout(1500)
+                    assert drone.status()["mode"] == "hold"
+                expect(panel).to_contain_text("Following has ended: the vehicle is in Hold.")
+        if not ends_by_hold:
+            drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold without the page")
