@@ -119,7 +119,8 @@ class _Reader:
         """PX4 sends a whole number as the bytes of a float."""
         name = payload[8:24].split(b"\0", 1)[0].decode("ascii", "replace")
         code = {1: "B", 2: "b", 3: "H", 4: "h", 5: "I", 6: "i"}.get(payload[24], "f")
-        self.parameters.add(t_s, name, struct.unpack_from(f"<{code}", payload)[0])
+        if name != "_HASH_CHECK":  # a checksum of the list
+            self.parameters.add(t_s, name, struct.unpack_from(f"<{code}", payload)[0])
 
 
 def read_tlog(path: Path) -> Log:

@@ -87,6 +87,7 @@ def test_vehicles_texts_parameters_and_states(tmp_path):
         name = b"SYS_AUTOSTART" if kind == 6 else b"MPC_Z_VEL_MAX"
         frames.append(source.frame(sim_dialect.MAVLink_param_value_message(name, float(value), kind, 2, 0)))
     frames.append(source.frame(sim_dialect.MAVLink_param_value_message(b"MPC_Z_VEL_MAX", 1.5, 9, 2, 0)))
+    frames.append(source.frame(sim_dialect.MAVLink_param_value_message(b"_HASH_CHECK", 7.0, 5, 2, 0)))
     records = [(BEGIN_US + i * 1_000_000, frame) for i, frame in enumerate(frames)]
     found = json.loads(overview.encode(read(tmp_path, log_bytes(records))))
     assert found["start_unix_s"] == BEGIN_US / 1e6
@@ -96,7 +97,7 @@ def test_vehicles_texts_parameters_and_states(tmp_path):
     assert found["parameter_changes"] == [{"t_s": 14.0, "name": "MPC_Z_VEL_MAX", "value": 1.5}]
     (vehicle,) = found["vehicles"]
     assert (vehicle["id"], vehicle["modes"][0]["name"]) == ("3", "Hold")
-    assert [(s["begin_s"], s["end_s"]) for s in vehicle["armed"]] == [(7.0, 14.0)]
+    assert [(s["begin_s"], s["end_s"]) for s in vehicle["armed"]] == [(7.0, 15.0)]
 
 
 def test_two_vehicles_in_one_log_are_kept_apart_and_a_compressed_log_is_read(tmp_path):
