@@ -73,6 +73,18 @@ export class ParamCompare {
     });
   }
 
+  /** Reads the parameters of a connected vehicle. @returns false: they cannot be read, or something else was chosen meanwhile. */
+  async readVehicle(vehicle: string): Promise<boolean> {
+    this.reset();
+    const request = this.request;
+    this.isBusy = true;
+    const answer = await this.api.post('/vehicles/{v}/params/refresh', { params: { path: { v: vehicle } }, body: { ignore_cache: false, wait: true } });
+    if (request !== this.request) return false;
+    this.isBusy = false;
+    if (!answer.ok) this.problem = answer.problem;
+    return answer.ok;
+  }
+
   private async compare(
     mine: readonly Parameter[],
     title: string,

@@ -25,6 +25,15 @@ const compareWith = (answers: Record<string, unknown>): ParamCompare =>
   );
 
 describe('the parameters of a flight', () => {
+  it('beside a vehicle’s need these read: why they cannot be is said, and another choice meanwhile wins', async () => {
+    const compare = compareWith({});
+    expect(await compare.readVehicle('1')).toBe(false);
+    expect([compare.problem?.title, compare.isBusy]).toEqual(['Unknown', false]);
+    const late = compareWith({ '/vehicles/1/params/refresh': { complete: true } });
+    const reading = late.readVehicle('1');
+    late.reset();
+    expect([await reading, late.problem]).toEqual([false, null]);
+  });
   it('are those at arming: of its log with the changes before, or else what the server noted', () => {
     const part = { offset_s: 10, overview: OVERVIEW as never };
     expect(atArming([part], null, 20)).toEqual([
