@@ -14,6 +14,7 @@ from gcs_server.client.aio import Gcs, Group, Vehicle
 from gcs_server.client.blocking import (
     SyncControl,
     SyncDryRuns,
+    SyncFiles,
     SyncFlights,
     SyncGcs,
     SyncGimbal,
@@ -75,6 +76,7 @@ __all__ = [
     "Sticks",
     "SyncControl",
     "SyncDryRuns",
+    "SyncFiles",
     "SyncFlights",
     "SyncGcs",
     "SyncGimbal",

@@ -128,7 +128,7 @@ async def save(
     total, done, saved = region.count(), 0, 0
     format_name = ""
     try:
-        await asyncio.to_thread(_begin, part)
+        await _to_its_end(_begin, part)
         batch: list[Place] = []
         for place in region.places():
             batch.append(place)
@@ -139,12 +139,12 @@ async def save(
             rows = [(*each, content) for each, content in zip(batch, contents, strict=True) if content]
             for row in rows[:1]:
                 format_name = format_name or _FORMATS[content_type(row[3]) or "image/png"]
-            await asyncio.to_thread(_write, part, rows)
+            await _to_its_end(_write, part, rows)
             saved, batch = saved + len(rows), []
             report(f"{done:,} of {total:,} tiles of {source.name}.", done / total)
         if not saved:
             raise MapError(f"{source.name} has no tiles in this region.", remedy="Choose another region.")
-        await asyncio.to_thread(_finish, part, source, region, format_name)
+        await _to_its_end(_finish, part, source, region, format_name)
         if finish is not None:
             await finish(part)
         else:
@@ -158,6 +158,16 @@ async def save(
         for each in (part, *part.parent.glob(f"{glob.escape(part.name)}-*")):  # SQLite's own beside it
             each.unlink(missing_ok=True)
     return saved
+
+
+async def _to_its_end(work: Callable[..., None], *arguments: object) -> None:
+    """Runs in a thread. A cancellation waits for its end: else the file would appear after its removal."""
+    running = asyncio.ensure_future(asyncio.to_thread(work, *arguments))
+    try:
+        await asyncio.shield(running)
+    except asyncio.CancelledError:
+        await asyncio.wait([running])
+        raise
 
 
 async def _one(tiles: Tiles, source: MapSource, place: Place) -> bytes:

@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from gcs_server.maps import tiles
+from gcs_server.maps import regions, tiles
 from gcs_server.maps.regions import Region
 from gcs_server.plans import ground_regions
 from missions.terrain.files import BoundingBox, Elevation
@@ -195,7 +195,10 @@ def test_a_region_that_is_too_large_is_refused_before_anything_is_asked(client, 
     assert server.asked == []
 
 
-def test_a_cancelled_saving_leaves_nothing(client, server, source, folder):
+@pytest.mark.parametrize("disk_s", [0.0, 0.3])
+def test_a_cancelled_saving_leaves_nothing(client, server, source, folder, monkeypatch, disk_s):
+    begin = regions._begin
+    monkeypatch.setattr(regions, "_begin", lambda part: time.sleep(disk_s) or begin(part))
     server.answer = lambda path: time.sleep(0.3) or hill_tile(path)
     operation = client.post("elevation/regions", json=region(source, zoom=15)).json()
     assert client.delete(f"operations/{operation['id']}").status_code in (200, 204)
@@ -204,6 +207,7 @@ def test_a_cancelled_saving_leaves_nothing(client, server, source, folder):
         assert time.monotonic() < deadline_s
         time.sleep(0.02)
     assert client.get(f"operations/{operation['id']}").json()["state"] == "cancelled"
+    time.sleep(2 * disk_s)
     assert list(folder.glob("*")) == []
 
 

@@ -42,6 +42,7 @@ def unavailable_setpoints(vehicle):
 
 NEVER_AVAILABLE = {"thrust_torque", "actuators"}
 NEED_POSITION = {"position", "position_global", "position_body", "path", "follow", "trajectory"}
+NEED_POSITION |= {"follow_device"}
 
 
 @pytest.mark.parametrize(

@@ -161,6 +161,6 @@ sys.stdin.read()
 
 def test_the_worker_knows_exactly_these_tasks():
     names = {"check", "compile", "convert", "divide", "elevation_files", "export", "follow_ground"}
-    names |= {"ground_from_tiles", "ground_tile", "relief"}
+    names |= {"ground_from_tiles", "ground_tile", "relief", "wmts_layers"}
     names |= {"import", "insert", "items", "known_ground", "pattern", "pattern_on_ground", "read", "table"}
     assert set(tasks.TASKS) == names
