@@ -11,6 +11,7 @@ import contextlib
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Callable, Generator
 from pathlib import Path
 
@@ -32,6 +33,7 @@ from tests.e2e.pictures import (
     wait_until_unchanged,
 )
 from tests.station import free_port, running_server, running_vehicles
+from tests.support.flown_log import flown_log
 from tools import build_page
 
 IMAGES = REPOSITORY / "docs" / "images"
@@ -85,24 +87,32 @@ def panels(setup: PictureSetup) -> None:
 
 
 def new_rooms(setup: PictureSetup) -> None:
-    """The search, a measured distance, and the set-up of the gimbal."""
+    """The search, the set-up of the gimbal, the gamepad, and a log of a flight."""
     page = setup.page
     page.keyboard.press("Control+k")
     page.get_by_role("combobox").fill("return")
     save_in_both_themes(page, setup.folder, "search")
     page.keyboard.press("Escape")
-    page.keyboard.press("m")
-    page.keyboard.press("d")
-    for x, y in ((0.45, 0.3), (0.6, 0.35), (0.57, 0.6)):
-        page.mouse.click(DESKTOP_SIZE[0] * x, DESKTOP_SIZE[1] * y)
-    save_in_both_themes(page, setup.folder, "measure")
-    page.keyboard.press("Escape")
-    page.keyboard.press("m")
     page.keyboard.press("Shift+V")
     page.get_by_role("region", name="Vehicle set-up").wait_for()
     wait_until_unchanged(page, 3)
     save_in_both_themes(page, setup.folder, "vehicle")
     page.keyboard.press("Shift+V")
+    page.keyboard.press("Shift+U")
+    settings = page.get_by_role("region", name="Settings", exact=True)
+    settings.get_by_role("radio", name="Gamepad", exact=True).click()
+    wait_until_unchanged(page, 3)
+    save_in_both_themes(page, setup.folder, "settings")
+    page.keyboard.press("Shift+U")
+    with tempfile.TemporaryDirectory() as folder:
+        log, _ = flown_log(Path(folder), (0.0, 3.0, 0.0))
+        page.keyboard.press("Shift+E")
+        page.get_by_label("Add a log").set_input_files(log)
+        page.get_by_role("radio", name="Fields", exact=True).click()
+        page.get_by_role("button", name="Position", exact=True).click()
+        wait_until_unchanged(page, 3)
+        save_in_both_themes(page, setup.folder, "flights")
+        page.keyboard.press("Shift+E")
 
 
 def mission_in_flight(setup: PictureSetup) -> None:

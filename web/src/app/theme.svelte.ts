@@ -23,6 +23,13 @@ class Theme {
   apply(): void {
     document.documentElement.dataset['theme'] = this.shown;
   }
+
+  /** The shown theme's CSS variables by name, for what draws itself: also when it draws before the page's frame has followed a change. */
+  variables(): (name: string) => string {
+    this.apply();
+    const style = getComputedStyle(document.documentElement);
+    return (name) => style.getPropertyValue(name).trim();
+  }
 }
 
 export const theme = new Theme();

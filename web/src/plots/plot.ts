@@ -1,6 +1,7 @@
 /** A plot of several series over time, with one cursor for all plots, and bands for states of the vehicle. */
 
 import uPlot from 'uplot';
+import { theme } from '../app/theme.svelte';
 import 'uplot/dist/uPlot.min.css';
 import type { Series, Window } from './plot-view.svelte';
 
@@ -13,16 +14,15 @@ export interface Colours {
   readonly strokeWidth: number;
 }
 /** Colours of the theme that is shown. */
-export function plotColours(theme: 'dark' | 'light'): Colours {
-  const style = getComputedStyle(document.documentElement);
-  const css = (name: string): string => style.getPropertyValue(name).trim();
+export function plotColours(): Colours {
+  const css = theme.variables();
   return {
     series: ['--actual', '--target', '--id-2', '--id-3', '--id-4', '--accent', '--ok', '--caution'].map(css),
     text: css('--text-2'),
     grid: css('--line'),
     band: `${css('--danger')}2e`,
     armed: css('--ok'),
-    strokeWidth: theme === 'dark' ? 1.4 : 1.8,
+    strokeWidth: theme.shown === 'dark' ? 1.4 : 1.8,
   };
 }
 

@@ -5,8 +5,7 @@ import type { Palette } from './map-draw';
 
 export function currentPalette(): Palette {
   const dark = theme.shown === 'dark';
-  const style = getComputedStyle(document.documentElement);
-  const colour = (name: string): string => style.getPropertyValue(name).trim();
+  const colour = theme.variables();
   return {
     map: colour('--map'),
     line: colour('--map-line'),
