@@ -25,6 +25,8 @@ ALLOWED = re.compile(
     r"\bStart(s|et|en)?\b|\bName\b|\bStopp?\b|\bHome(-Position)?\b|Offboard GCS|\bWest\b|^\.waypoints$"
 )
 """Words that are the same in German, and names."""
+FIELD = re.compile(r"\b([a-z]+_\w+|[A-Z][A-Z_]+)(:[\d.]+)?[ /]\w+")
+"""A field of a topic or message."""
 
 SHOWN_TEXTS = """
 () => {
@@ -83,7 +85,7 @@ def english_texts(page: Page, own_words: Collection[str] = ()) -> list[str]:
         "|".join(rf"\b{re.escape(word)}(?!\w)" for word in sorted(own_words, key=len)[::-1]) or "(?!)"
     )
     texts = page.evaluate(SHOWN_TEXTS)
-    return [text for text in texts if ENGLISH.search(ALLOWED.sub("", own.sub("", text)))]
+    return [text for text in texts if ENGLISH.search(ALLOWED.sub("", FIELD.sub("", own.sub("", text))))]
 
 
 def clipped_texts(page: Page) -> list[str]:
