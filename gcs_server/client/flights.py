@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 from urllib.parse import quote, urlencode
 
 from gcs_server.client.control import VehicleApi
@@ -39,6 +39,29 @@ class Flights:
     async def findings(self, flight: str) -> dict[str, Any]:
         """What a log means: `findings`, and what was `not_judged`."""
         return await self._gcs.request("GET", _path(flight, "findings"))
+
+    async def beside(
+        self,
+        flight: str,
+        other: str,
+        *,
+        align: Literal["arming", "takeoff", "fit", "offset"] = "arming",
+        offset_s: float = 0.0,
+    ) -> dict[str, Any]:
+        """Two flights over each other: `distance_m` over `t_s`, `first` and `second` (duration, distance,
+        energy), and the `offset_s` that brings their times together.
+
+        Args:
+            flight: id of a flight or of a file.
+            other: id of the second one.
+            align: by arming, take-off, the best fit of the tracks, or the given offset.
+            offset_s: with `offset`, what is added to times of the second log [s].
+
+        Raises:
+            Invalid: they cannot be compared like this.
+        """
+        query = _query({"other": other, "align": align, "offset_s": offset_s})
+        return await self._gcs.request("GET", _path(flight, "beside", query))
 
     async def table(
         self, flight: str, topic: str, *, from_row: int = 0, at_s: float | None = None, rows: int = 100

@@ -449,6 +449,7 @@ ALL: tuple[Command, ...] = (
         "GET /flights",
         "GET /flights/{f}",
         "GET /flights/{f}/joined",
+        "GET /flights/{f}/beside",
         "GET /flights/{f}/file",
         "GET /flights/{f}/series",
         "GET /flights/{f}/spectrum",

@@ -6,12 +6,12 @@ import asyncio
 import contextlib
 import json
 import shutil
-from collections.abc import AsyncGenerator, Callable, Iterable, Mapping
+from collections.abc import AsyncGenerator, Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gcs_server.clock import Clock
-from gcs_server.errors import GcsError, LogUnusable, Refused
+from gcs_server.errors import GcsError, InvalidRequest, LogUnusable, Refused
 from gcs_server.logbook.joined_flights import Flight, JoinedFlights
 from gcs_server.logbook.library import Library, LogFile, Removed
 from gcs_server.logbook.notes import NotesHead
@@ -207,6 +207,33 @@ class Logbook:
             InvalidRequest: this part cannot be flown, or the change has no effect on it.
         """
         return await self._work.rerun(await self._read_folder(file_id), from_s, to_s, change)
+
+    async def beside(self, ids: Sequence[str], align: str, offset_s: float) -> bytes:
+        """Two flights over each other, as JSON (`two_flights.TwoFlights`): the main log of each.
+
+        Args:
+            ids: of two flights or files.
+            align: by what their times are brought together (`two_flights.Align`).
+            offset_s: with `offset`, what is added to times of the second log.
+
+        Raises:
+            UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
+            InvalidRequest: they cannot be compared like this.
+        """
+        found = [await self._main_part(each) for each in ids]
+        folders = [await self._read_folder(file) for file, _ in found]
+        return await self._work.beside(folders, [part for _, part in found], align, offset_s)
+
+    async def _main_part(self, flight_id: str) -> tuple[str, dict[str, Any]]:
+        """The file of a flight's main part, and where the flight is in it; of a file the whole."""
+        if "-" not in flight_id:
+            return flight_id, {"vehicle": ""}
+        flight = await self.flight(flight_id)
+        part = next((each for each in flight.joined.parts if each.file in flight.files), None)
+        if part is None:
+            raise InvalidRequest("other", "The flight has no recording and no log.")
+        span = {"begin_s": part.flight.begin_s, "end_s": part.flight.end_s}
+        return part.file, {"vehicle": part.flight.vehicle, **span}
 
     async def delete(self, file_id: str) -> None:
         """Deletes a file.

@@ -161,11 +161,11 @@ def _extent(topics: Sequence[Topic], begin_s: float, end_s: float) -> tuple[floa
         times_s, north, east, down = times_s[inside], north[inside], east[inside], down[inside]
         spaced = np.unique(np.searchsorted(times_s, np.arange(times_s[0], times_s[-1], STEP_S)))
         points = np.stack((north[spaced], east[spaced]), axis=1)
-        return _length_m(points), max(0.0, float(down[0] - np.min(down)))
+        return path_length_m(points), max(0.0, float(down[0] - np.min(down)))
     return None, None
 
 
-def _length_m(points: Values) -> float:
+def path_length_m(points: Values) -> float:
     """Length of a path (N, 2) [m], of steps that are longer than the noise."""
     length_m, previous = 0.0, points[0] if len(points) else None
     for point in points[1:]:

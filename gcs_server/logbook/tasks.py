@@ -73,6 +73,19 @@ def findings(folder: str) -> bytes:
     return table.encode(columns.load(Path(folder)))
 
 
+def beside(folders: list[str], parts: list[dict[str, Any]], align: str, offset_s: float) -> bytes:
+    """Two flights over each other as JSON: the folder of each, and what `two_flights.Part` has of it.
+
+    Raises `two_flights.CannotCompare`, OSError.
+    """
+    from gcs_server.logbook import columns, two_flights
+
+    logs = [columns.load(Path(folder)) for folder in folders]
+    chosen = [msgspec.convert(part, two_flights.Part) for part in parts]
+    how = msgspec.convert(align, two_flights.Align)
+    return msgspec.json.encode(two_flights.compare(logs, chosen, how, offset_s))
+
+
 def table(folder: str, topic: str, from_row: int | None, at_s: float | None, count: int) -> bytes:
     """Rows of a topic as JSON. Raises `exports.sink.BadExport`, OSError."""
     from gcs_server.logbook import columns
@@ -108,6 +121,7 @@ TASKS: dict[str, Callable[..., bytes | Stream]] = {
     "spectrum": spectrum,
     "findings": findings,
     "rerun": rerun,
+    "beside": beside,
     "table": table,
     "export": export,
 }
@@ -119,6 +133,7 @@ def answer_request(request: bytes) -> bytes | Stream:
     from gcs_server.logbook.columns import UnknownField
     from gcs_server.logbook.exports.sink import BadExport
     from gcs_server.logbook.log import UnreadableLog
+    from gcs_server.logbook.two_flights import CannotCompare
     from missions.what_if.flight import NotFlyable
 
     name, arguments = msgspec.msgpack.decode(request, type=tuple[str, dict[str, Any]])
@@ -130,7 +145,7 @@ def answer_request(request: bytes) -> bytes | Stream:
         fault = ("log", str(error))
     except UnknownField as error:
         fault = ("field", f"{str(error)[:1].upper()}{str(error)[1:]}.")
-    except (NotFlyable, BadExport) as error:
+    except (NotFlyable, BadExport, CannotCompare) as error:
         fault = (error.field, str(error))
     except MemoryError:
         fault = ("log", "Reading it took more memory than allowed.")

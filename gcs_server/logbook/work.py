@@ -30,6 +30,10 @@ REMEDIES = {
     "rate_hz": "Take a lower rate, or a part of the flight.",
     "field": "Take a field of the overview.",
     "from_s": "Take another part of the flight.",
+    "f": "Open another flight.",
+    "other": "Take another flight.",
+    "align": "Bring their times together by the best fit, or by an offset.",
+    "offset_s": "Take another offset, or the best fit.",
     "parameters": "Change another parameter, or give it another value.",
 }
 """What to do, by the field of the request that was wrong."""
@@ -106,6 +110,25 @@ class LogWork:
         """
         async with self._plots.turn():
             return await self._run("findings", {"folder": str(folder)})
+
+    async def beside(
+        self, folders: Sequence[Path], parts: Sequence[Mapping[str, Any]], align: str, offset_s: float
+    ) -> bytes:
+        """Two flights over each other (`two_flights.compare`), as JSON.
+
+        Raises:
+            InvalidRequest: they cannot be compared like this.
+            LogUnusable: the columns cannot be read.
+            ClientHasTooMany, ServerBusy: too many plots are being read or wait.
+        """
+        arguments = {
+            "folders": [str(folder) for folder in folders],
+            "parts": [dict(part) for part in parts],
+            "align": align,
+            "offset_s": offset_s,
+        }
+        async with self._plots.turn():
+            return await self._run("beside", arguments)
 
     async def table(
         self, folder: Path, topic: str, from_row: int | None, at_s: float | None, count: int

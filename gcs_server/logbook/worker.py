@@ -20,6 +20,7 @@ IMPORTED = (
     "series",
     "spectra",
     "tlog",
+    "two_flights",
     "ulog",
 )
 """Modules of this package that take long to import."""

@@ -239,6 +239,29 @@ def test_a_log_that_cannot_be_flown_again_says_why(client):
     delete(client, flight_id)
 
 
+def test_two_flights_are_laid_over_each_other_and_what_cannot_be_compared_says_why(client):
+    recording = listed(client)[RECORDING]["id"]
+    client.get(f"{API}/flights/{recording}")
+    url = f"{API}/flights/{recording}/beside"
+    same = client.get(url, params={"other": recording, "align": "fit"})
+    assert same.status_code == 200, same.text
+    answer = same.json()
+    assert (answer["align"], answer["offset_s"], answer["max_m"]) == ("fit", pytest.approx(0, abs=0.01), 0)
+    assert answer["first"] == answer["second"]
+    assert len(answer["t_s"]) == len(answer["distance_m"]) > 10
+    log = listed(client)[DOWNLOADED]["id"]
+    for params, field in (
+        ({"other": log, "align": "fit"}, "other"),
+        ({"other": recording, "align": "offset", "offset_s": 500}, "offset_s"),
+        ({"other": recording, "align": "later"}, "align"),
+        ({"other": recording, "offset_s": 1e9}, "offset_s"),
+        ({}, "other"),
+    ):
+        refused = client.get(url, params=params)
+        assert (refused.status_code, refused.json()["field"]) == (422, field), refused.text
+    assert client.get(url, params={"other": "none-0"}).status_code == 404
+
+
 @pytest.mark.parametrize("flight_id", ["nothing", "..%2F..%2Fsecret", "%00", "a" * 300, "uploads"])
 def test_an_unknown_id_is_not_found(client, flight_id):
     for call in ("", "/file", "/series?field=a:0/b", "/table?topic=a:0", "/export?format=kml"):

@@ -22,11 +22,25 @@ MIN_SAMPLES = 30
 SAG_S = 2.0
 
 
+def measured_voltage(flight: Flight) -> Signal:
+    """Voltage of the pack [V]. Raises NotJudged."""
+    voltage = flight.signal("battery_status/voltage_v", "SYS_STATUS/voltage_battery")
+    return _scaled(voltage, 0.001) if flight.is_tlog else voltage
+
+
+def measured_current(flight: Flight) -> Signal:
+    """Current of the pack [A]; negative: not measured. Raises NotJudged."""
+    current = flight.signal("battery_status/current_a", "SYS_STATUS/current_battery")
+    return _scaled(current, 0.01) if flight.is_tlog else current
+
+
+def _scaled(signal: Signal, factor: float) -> Signal:
+    return Signal(signal.field, signal.times_s, signal.values * factor)
+
+
 def _voltage(flight: Flight) -> tuple[Signal, int]:
     """Voltage of the pack, and its number of cells; 0: not known."""
-    voltage = flight.signal("battery_status/voltage_v", "SYS_STATUS/voltage_battery")
-    if flight.is_tlog:
-        voltage = Signal(voltage.field, voltage.times_s, voltage.values / 1000.0)
+    voltage = measured_voltage(flight)
     cells = flight.optional("battery_status/cell_count")
     known = 0.0 if cells is None else float(np.median(cells.values))
     known = known or flight.parameter("BAT1_N_CELLS", 0)
@@ -65,8 +79,8 @@ def resistance(flight: Flight) -> list[Finding]:
     integral of the current as charge.
     """
     voltage, cells = _voltage(flight)
-    current = flight.signal("battery_status/current_a", "SYS_STATUS/current_battery")
-    amperes = current.at(voltage.times_s) * (0.01 if flight.is_tlog else 1.0)
+    current = measured_current(flight)
+    amperes = current.at(voltage.times_s)
     usable = flight.armed(voltage.times_s) & (amperes >= 0.0) & (voltage.values > 1.0)
     if not np.any(amperes > 0.0):
         raise NotJudged("The current of the battery is not measured.")

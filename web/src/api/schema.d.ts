@@ -157,6 +157,27 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/flights/{f}/beside": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Two Flights
+         * @description A second flight over a flight: how far apart they were at the same times, and how duration, distance,
+         *     height and energy differ. Of a flight with several files the main one is taken.
+         */
+        readonly get: operations["two_flights_api_v1_flights__f__beside_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/arm": {
         readonly parameters: {
             readonly query?: never;
@@ -7110,6 +7131,42 @@ export interface components {
              * @description Values of each row; null: not a number, or infinite.
              */
             readonly rows: readonly (readonly (number | string | boolean | null)[])[];
+        };
+        /**
+         * FlightTotals
+         * @description What one flight came to.
+         */
+        readonly FlightTotals: {
+            /**
+             * Duration S
+             * @description From arming to disarming.
+             */
+            readonly duration_s: number;
+            /**
+             * Distance M
+             * @description Length of the path over ground.
+             */
+            readonly distance_m: number;
+            /**
+             * Height M
+             * @description Greatest height above its first position.
+             */
+            readonly height_m: number;
+            /**
+             * Energy Wh
+             * @description Energy from the battery, voltage times current; null: not measured.
+             */
+            readonly energy_wh: number | null;
+            /**
+             * Charge Mah
+             * @description Charge from the battery; null: not measured.
+             */
+            readonly charge_mah: number | null;
+            /**
+             * Battery Used Share
+             * @description Used part of the battery by the vehicle's own estimate, 0 to 1; null: not reported.
+             */
+            readonly battery_used_share: number | null;
         };
         /**
          * FlownMission
@@ -17630,6 +17687,72 @@ export interface components {
             readonly while_armed?: boolean;
         };
         /**
+         * TwoFlights
+         * @description A second flight beside a first one, at times of the first one's log.
+         */
+        readonly TwoFlights: {
+            /**
+             * Align
+             * @description By what their times are brought together.
+             * @enum {string}
+             */
+            readonly align: "arming" | "takeoff" | "fit" | "offset";
+            /**
+             * Offset S
+             * @description What is added to times of the second log to get those of the first one.
+             */
+            readonly offset_s: number;
+            /** @description First. */
+            readonly first: components["schemas"]["FlightTotals"];
+            /** @description Second. */
+            readonly second: components["schemas"]["FlightTotals"];
+            /**
+             * Shared S
+             * @description Time in which both have positions.
+             */
+            readonly shared_s: number;
+            /**
+             * T S
+             * @description Times in which both fly [s since the start of the first log].
+             */
+            readonly t_s: readonly number[];
+            /**
+             * Distance M
+             * @description Distance between the two vehicles' positions; null: a gap of a log.
+             */
+            readonly distance_m: readonly (number | null)[];
+            /**
+             * Over Ground M
+             * @description The same without heights.
+             */
+            readonly over_ground_m: readonly (number | null)[];
+            /**
+             * Above M
+             * @description How much higher the second one is.
+             */
+            readonly above_m: readonly (number | null)[];
+            /**
+             * Max M
+             * @description Largest distance.
+             */
+            readonly max_m: number;
+            /**
+             * Max S
+             * @description When it was largest.
+             */
+            readonly max_s: number;
+            /**
+             * Rms M
+             * @description Root of the mean square of the distances.
+             */
+            readonly rms_m: number;
+            /**
+             * Notes
+             * @description What limits the comparison, as sentences.
+             */
+            readonly notes: readonly string[];
+        };
+        /**
          * Units
          * @description The unit of each quantity on the page. Requests and answers of the API are always in SI units.
          */
@@ -19849,6 +19972,72 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["OffboardFailsafe"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly two_flights_api_v1_flights__f__beside_get: {
+        readonly parameters: {
+            readonly query: {
+                /** @description Id of the second flight, or of a file. */
+                readonly other: string;
+                /** @description By what their times are brought together: arming, take-off, the best fit of their tracks in time, or `offset_s`. */
+                readonly align?: "arming" | "takeoff" | "fit" | "offset";
+                /** @description With `align=offset`: added to times of the second log to get those of the first [s]. */
+                readonly offset_s?: number;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["TwoFlights"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -63,6 +63,11 @@ export abstract class PlotView {
     return null;
   }
 
+  /** The series of a second flight that is drawn beside a field; null: none. */
+  beside(_field: string): string | null {
+    return null;
+  }
+
   /** Fields that cannot be plotted, and why. */
   get failures(): ReadonlyMap<string, string> | undefined {
     return undefined;

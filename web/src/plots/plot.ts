@@ -26,6 +26,12 @@ export function plotColours(): Colours {
   };
 }
 
+/** The colours for pairs of series of two flights: the first two are those of the flights on the map. */
+export function pairedColours(colours: Colours): Colours {
+  const [first = '', next = '', second = '', ...others] = colours.series;
+  return { ...colours, series: [first, second, next, ...others] };
+}
+
 export interface Bands {
   readonly failsafe: readonly { readonly begin_s: number; readonly end_s: number }[];
   readonly armed: readonly { readonly begin_s: number; readonly end_s: number }[];
@@ -50,18 +56,20 @@ export class TimePlot {
   constructor(
     private readonly container: HTMLElement,
     private readonly colours: Colours,
-    count: number,
+    /** Whether the line of each series is dashed. */
+    dashed: readonly boolean[],
     private readonly handlers: Handlers,
     /** Plots with the same key have one cursor. */
     sync: string,
   ) {
     const font = '11px Inter, system-ui, sans-serif';
     const axis = { stroke: colours.text, font, grid: { stroke: colours.grid, width: 1 }, ticks: { show: false } };
-    const series = Array.from({ length: count }, (_, i) => ({
+    const series = dashed.map((isDashed, i) => ({
       stroke: colours.series[i % colours.series.length] ?? colours.text,
       width: colours.strokeWidth,
       points: { show: false },
       spanGaps: false,
+      ...(isDashed ? { dash: [6, 3] } : {}),
     }));
     this.plot = new uPlot(
       {

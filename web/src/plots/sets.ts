@@ -227,7 +227,7 @@ export function findFields(topics: readonly Topic[], text: string): FoundTopic[]
 
 /** A field or expression as a short label: without the instance, if it is the first. */
 export function labelOf(prefixed: string): string {
-  const field = prefixed.replace(/^\d\|/, '');
+  const field = prefixed.replace(/^(second\|)?(\d\|)?/, '');
   if (field.startsWith(RERUN)) return field.slice(RERUN.length);
   if (!field.includes('{')) return field.replace(/:0\//, ' ').replace('/', ' ');
   const call = /^(roll|pitch|yaw)\(\{(\w+):0\/q(?:_d)?\[0\]\}/.exec(field);

@@ -7,6 +7,7 @@ import { LiveView, stateOf, type State } from '../../plots/live-view.svelte';
 import { commandGate } from '../../app/vehicle-actions.svelte';
 import { FlightLibrary, titleOf, type Row } from './library.svelte';
 import { LogView } from './log-view.svelte';
+import { TwoFlights } from './two-flights.svelte';
 import { WhatIf } from './what-if.svelte';
 import { Values } from './values.svelte';
 import { ParamCompare } from './param-compare.svelte';
@@ -18,6 +19,7 @@ export const library = new FlightLibrary(page.api);
 export const view = new LogView(page.api);
 export const live = new LiveView(page.api);
 export const whatIf = new WhatIf(page.api, view);
+export const twoFlights = new TwoFlights(page.api, view);
 export const values = new Values(page.api, view, (url) => {
   const link = document.createElement('a');
   link.href = url;
@@ -52,6 +54,7 @@ export function openRow(row: Row): Promise<void> {
   rooms.open(ROOM);
   live.close();
   whatIf.reset();
+  twoFlights.reset();
   values.reset();
   return view.open(row.files[0]?.id ?? row.id, titleOf(row), row.flight);
 }
@@ -61,6 +64,7 @@ export async function openFlight(id: string, name: string): Promise<void> {
   rooms.open(ROOM);
   live.close();
   whatIf.reset();
+  twoFlights.reset();
   values.reset();
   if (!(await view.read(id, name))) return;
   await library.load(); // which flights a log has is known once it was read

@@ -4,6 +4,7 @@ import type { ApiClient, Outcome } from '../../api/client';
 import type { components } from '../../api/schema';
 import { POINTS, MAX_SERIES, PlotView, type FieldSource, type Series, type States, type Window } from '../../plots/plot-view.svelte';
 import type { Spectrum } from '../../plots/spectrum';
+import { SETS } from '../../plots/sets';
 import { plotsShown } from './plots-shown.svelte';
 import { trackFields, trackOf, type Track } from './track';
 
@@ -20,6 +21,18 @@ export interface LogPart {
   readonly offset_s: number;
   readonly overview: Overview;
 }
+/** A flight that is drawn over the open one. */
+export interface SecondFlight {
+  readonly id: string;
+  readonly name: string;
+  /** System id of its vehicle; empty: not known. */
+  readonly vehicle: string;
+  readonly parts: readonly LogPart[];
+  /** What is added to times of its first part to get those of the open flight [s]. */
+  readonly offset_s: number;
+  /** Its path, at times of its first part; null: it has no positions. */
+  readonly track: Track | null;
+}
 /** A message of the vehicle, a change of its mode, or a command to it. */
 export interface FlightEvent {
   readonly t_s: number;
@@ -30,6 +43,8 @@ export interface FlightEvent {
   /** Who gave a command. */
   readonly by: string;
 }
+/** Begins the series of the second flight; a part and the field follow. */
+const SECOND = 'second|';
 /** Values are requested again after this pause in zooming [ms]. */
 const PAUSE_MS = 60;
 /** Shown before arming and after disarming [s]. */
@@ -48,6 +63,8 @@ export class LogView extends PlotView {
   parts = $state.raw<readonly LogPart[]>([]);
   /** The flown path; null: not loaded, or no part has positions. */
   track = $state.raw<Track | null>(null);
+  /** The flight over the open one; null: none. */
+  second = $state.raw<SecondFlight | null>(null);
   /** Series that are not of the log, such as those of a rerun, by their field. */
   private computed: ReadonlyMap<string, Series> = new Map();
   private timer: ReturnType<typeof setTimeout> | null = null;
@@ -130,7 +147,7 @@ export class LogView extends PlotView {
     if (this.timer !== null) clearTimeout(this.timer);
     this.id = this.flight = this.record = this.problem = this.cursor_s = null;
     this.parts = [];
-    this.track = null;
+    this.track = this.second = null;
     plotsShown.isOpen = false;
     this.panes = [];
     this.series = this.computed = new Map();
@@ -157,15 +174,46 @@ export class LogView extends PlotView {
     this.cursor_s = window.from_s;
   }
 
+  /** Draws a flight over the open one, or takes it away. @param series what is of both, shown in a pane of its own. */
+  showSecond(second: SecondFlight | null, series: readonly Series[] = []): void {
+    const isNew = this.second?.id !== second?.id;
+    const own = this.panes.map(({ fields }) => fields.filter((field) => !this.computed.has(field))).filter((fields) => fields.length > 0);
+    this.second = second;
+    this.computed = new Map(series.map((each) => [each.field, each]));
+    this.series = new Map([...this.series].filter(([field]) => !field.startsWith(SECOND)).concat([...this.computed]));
+    this.loadedKey = '';
+    if (!isNew) this.requestSeries();
+    else this.showPanes([...(series.length === 0 ? [] : [[...this.computed.keys()]]), ...(own.length === 0 ? this.usualPanes() : own)]);
+  }
+
+  /** What is shown of two flights if a person has chosen nothing. */
+  private usualPanes(): string[][] {
+    const panes = SETS.slice(0, 1).flatMap((set) => this.fieldsOf(set));
+    return panes.length === 0 ? [[]] : panes;
+  }
+
+  /** The same field of the second flight, of its first part that has it. */
+  override beside(field: string): string | null {
+    const { second } = this;
+    if (second === null || this.computed.has(field)) return null;
+    const own = this.flight?.vehicle ?? '';
+    const named = unprefixed(field);
+    const index = second.parts.findIndex(({ overview }) => hasFields(overview, otherVehicle(named, own, second.vehicle)));
+    return index < 0 ? null : `${SECOND}${index}|${otherVehicle(named, own, second.vehicle)}`;
+  }
+
   override get hasSpectra(): boolean {
     return true;
   }
 
   override async loadSpectrum(field: string, { from_s, to_s }: Window): Promise<Outcome<Spectrum> | null> {
-    const part = this.computed.has(field) ? undefined : this.parts[partOf(field)];
+    const isSecond = field.startsWith(SECOND);
+    const own = isSecond ? field.slice(SECOND.length) : field;
+    const part = this.computed.has(field) ? undefined : (isSecond ? this.second?.parts : this.parts)?.[partOf(own)];
     if (part === undefined) return null;
-    const { file, offset_s } = part;
-    const query = { field: unprefixed(field), from_s: from_s - offset_s, to_s: to_s - offset_s };
+    const { file } = part;
+    const offset_s = part.offset_s + (isSecond ? (this.second?.offset_s ?? 0) : 0);
+    const query = { field: unprefixed(own), from_s: from_s - offset_s, to_s: to_s - offset_s };
     const answer = await this.api.get('/flights/{f}/spectrum', { params: { path: { f: file }, query } });
     if (!answer.ok) return answer;
     return { ok: true, value: { ...answer.value, field, t_s: answer.value.t_s.map((t_s) => t_s + offset_s) } };
@@ -180,10 +228,15 @@ export class LogView extends PlotView {
   async loadSeries(): Promise<void> {
     const { id, shown } = this;
     const fields = this.plotted.filter((field) => !this.computed.has(field)).slice(0, MAX_SERIES);
-    const key = JSON.stringify([id, shown, fields]);
+    const others = [...new Set(fields.flatMap((field) => this.beside(field) ?? []))];
+    const { second } = this;
+    const key = JSON.stringify([id, shown, fields, others, second?.offset_s]);
     if (id === null || fields.length === 0 || key === this.loadedKey) return;
     const request = ++this.request;
-    const loaded = await Promise.all(this.parts.map((part, i) => this.loadPart(part, i, fields, shown)));
+    const loaded = await Promise.all([
+      ...this.parts.map((part, i) => this.loadPart(part, i, fields, shown)),
+      ...(second?.parts.map((part, i) => this.loadPart(part, i, others, shown, second)) ?? []),
+    ]);
     if (request !== this.request) return;
     const series = loaded.flatMap((each) => each ?? []);
     if (loaded.includes(null)) return; // `problem` says why
@@ -193,13 +246,21 @@ export class LogView extends PlotView {
   }
 
   /** The values of those fields that are of this part, at times of the first part; null: they could not be loaded. */
-  private async loadPart(part: LogPart, index: number, fields: readonly string[], shown: Window): Promise<[string, Series][] | null> {
-    const own = fields.filter((field) => partOf(field) === index);
+  private async loadPart(
+    part: LogPart,
+    index: number,
+    fields: readonly string[],
+    shown: Window,
+    second: SecondFlight | null = null,
+  ): Promise<[string, Series][] | null> {
+    const begin = second === null ? 0 : SECOND.length;
+    const own = fields.filter((field) => partOf(field.slice(begin)) === index);
     if (own.length === 0) return [];
-    const { file, offset_s } = part;
-    const query = { field: own.map(unprefixed), from_s: shown.from_s - offset_s, to_s: shown.to_s - offset_s, points: POINTS };
-    const response = await this.api.get('/flights/{f}/series', { params: { path: { f: file }, query } });
-    if (!this.parts.includes(part)) return null;
+    const offset_s = part.offset_s + (second?.offset_s ?? 0);
+    const names = own.map((field) => unprefixed(field.slice(begin)));
+    const query = { field: names, from_s: shown.from_s - offset_s, to_s: shown.to_s - offset_s, points: POINTS };
+    const response = await this.api.get('/flights/{f}/series', { params: { path: { f: part.file }, query } });
+    if (second === null ? !this.parts.includes(part) : this.second !== second) return null;
     if (!response.ok) {
       this.problem = response.problem;
       return null;
@@ -218,7 +279,21 @@ export function unprefixed(field: string): string {
   return field.replace(/^\d\|/, '');
 }
 
-function wholeOf(parts: readonly LogPart[], flight: Flight | null): Window {
+/** A field or expression of another vehicle: a recording's topics have the system id. */
+function otherVehicle(field: string, own: string, other: string): string {
+  return own === '' || other === '' || own === other ? field : field.replaceAll(`:${own}.`, `:${other}.`);
+}
+
+/** Whether a log has all fields of a field or expression. */
+function hasFields({ topics }: Overview, field: string): boolean {
+  const names = field.includes('{') ? [...field.matchAll(/\{([^}]*)\}/g)].map(([, name = '']) => name) : [field];
+  return names.every((name) => {
+    const at = name.indexOf('/');
+    return topics.find(({ id }) => id === name.slice(0, at))?.fields.some((each) => each.name === name.slice(at + 1)) === true;
+  });
+}
+
+export function wholeOf(parts: readonly LogPart[], flight: Flight | null): Window {
   const begin_s = Math.min(0, ...parts.map(({ offset_s }) => offset_s));
   const end_s = Math.max(0.1, ...parts.map(({ offset_s, overview }) => offset_s + overview.duration_s));
   const main = flight?.parts[0];
@@ -236,7 +311,7 @@ function vehiclesOf(parts: readonly LogPart[], flight: Flight | null): readonly 
   return own.slice(0, 1);
 }
 
-function sourcesOf(parts: readonly LogPart[], flight: Flight | null): readonly FieldSource[] {
+export function sourcesOf(parts: readonly LogPart[], flight: Flight | null): readonly FieldSource[] {
   return parts.map(({ source, overview }, i) => {
     const isOwn = flight !== null && flight.vehicle !== '' && overview.kind === 'tlog';
     const topics = isOwn ? overview.topics.filter(({ instance }) => instance.startsWith(`${flight.vehicle}.`)) : overview.topics;

@@ -114,13 +114,32 @@ export function rerunLayer(
     return row === undefined ? [] : [{ ...place(row), id, mark: 'disc' as const, tone, text: '', selected: false }];
   });
   const lines = paths.map(({ position_ned_m, tone }) => ({ positions: position_ned_m.map(place), tone, style: 'solid' as const }));
-  return { points, lines, areas: [] };
+  return { points, lines, areas: [], ...groundOf(track) };
+}
+
+/** The ground of the 3D view: at the lowest height of the flight. */
+function groundOf(track: Track | null): Pick<LayerContent, 'ground'> {
+  const [first] = track?.points ?? [];
+  if (track === null || first === undefined) return {};
+  return { ground: { lat_deg: first.lat_deg, lon_deg: first.lon_deg, alt_amsl_m: Math.min(...track.points.map(({ alt_amsl_m }) => alt_amsl_m)) } };
+}
+
+/** The path of a second flight over the open one, with its vehicle. @param at_s the cursor at times of the second flight. @param open the open flight's path. */
+export function secondLayer(track: Track | null, at_s: number | null, open: Track | null): LayerContent | null {
+  const layer = trackLayer(track, at_s, null);
+  if (layer === null) return null;
+  const tone = 'id2' as const;
+  return {
+    ...layer,
+    ...groundOf(open),
+    points: layer.points.map((point) => ({ ...point, id: 'second', tone })),
+    lines: layer.lines.map((line) => ({ ...line, tone })),
+  };
 }
 
 /** The flown path, the planned one, and the vehicle at the cursor; null: no position is known. */
 export function trackLayer(track: Track | null, cursor_s: number | null, record: FlightRecord | null): LayerContent | null {
-  const [first] = track?.points ?? [];
-  if (track === null || first === undefined) return null;
+  if (track === null || track.points.length === 0) return null;
   const at = cursor_s === null ? null : positionOn(track, cursor_s);
   const yaw_deg = cursor_s === null ? null : valueAt(track.yaw, cursor_s);
   const vehicle =
@@ -133,7 +152,7 @@ export function trackLayer(track: Track | null, cursor_s: number | null, record:
       ...farLines(record),
     ],
     areas: [],
-    ground: { lat_deg: first.lat_deg, lon_deg: first.lon_deg, alt_amsl_m: Math.min(...track.points.map(({ alt_amsl_m }) => alt_amsl_m)) },
+    ...groundOf(track),
   };
 }
 
