@@ -42,6 +42,7 @@ from gcs_server.errors import GcsError
 from gcs_server.flights.flight_notes import FlightNotes
 from gcs_server.flights.flights import Flights
 from gcs_server.flights.resume import ProgressStore
+from gcs_server.flights.vehicle_models import VehicleModels
 from gcs_server.language import language_of
 from gcs_server.links.names import shown_url
 from gcs_server.logbook.decisions import Decisions
@@ -175,6 +176,11 @@ def _elevation_tiles(clock: Clock, folder: DataFolder) -> Tiles:
     return Tiles(clock, folder.cache / "elevation_tiles", "elevation source", elevation_fault)
 
 
+def _kept_of_vehicles(folder: DataFolder) -> tuple[ProgressStore, VehicleModels]:
+    """What is kept of vehicles for their flights and dry runs."""
+    return ProgressStore(Records(folder.flights)), VehicleModels(Records(folder.vehicle_models))
+
+
 class Server:
     """Builds all parts once the event loop runs, and stops them in reverse order."""
 
@@ -204,7 +210,7 @@ class Server:
             operations,
             PlanStore(folder.plans, clock, self.fleet.events),
             PlanWork(folder.elevation, authority.controls_any),
-            ProgressStore(Records(folder.flights)),
+            *_kept_of_vehicles(folder),
         )
         self._ros2_settings = ClientSettings(clock, self.fleet.all, self.router.connections)
         self._connect_vehicles(Cache(folder.cache))
@@ -302,6 +308,7 @@ class Server:
             ("fault", self.flights.groups.faults),
             ("plans", self.flights.plans.warnings),
             ("plans", self.flights.progress.warnings),
+            ("plans", self.flights.models.warnings),
             ("maps", self.station.map_sources.warnings),
             ("maps", self.station.elevation_sources.warnings),
             ("settings", self.station.user_settings.warnings),
@@ -359,6 +366,7 @@ class Server:
         await self.fleet.close()
         await self.supervisor.close()
         self.flights.progress.close()
+        self.flights.models.close()
         for tiles in (self.station.map_tiles, self.station.elevation_tiles, self.station.ground_tiles):
             await tiles.close()
         for sources in (self.station.map_sources, self.station.elevation_sources):

@@ -13,7 +13,7 @@ from gcs_server.api.authorized import authorized_command
 from gcs_server.api.map_routes import MAX_ZOOM, REVALIDATE
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
-from gcs_server.api.problems import RESPONSES
+from gcs_server.api.problems import RESPONSES, Problem
 from gcs_server.api.responses import json_bytes, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
@@ -192,7 +192,11 @@ async def add_map_source(body: NewMapSource, station: StationDep, principal: Pri
     return json_response(await source_view(station.map_sources, station.map_tiles, source), 201)
 
 
-@router.post("/map_sources/wmts_layers", response_model=WmtsLayers)
+@router.post(
+    "/map_sources/wmts_layers",
+    response_model=WmtsLayers,
+    responses={502: {"model": Problem, "description": "The service does not answer, or not as WMTS."}},
+)
 async def read_wmts_layers(body: WmtsAddress, station: StationDep, principal: PrincipalDep) -> Response:
     """Asks a WMTS service once for its layers, so that the address of one can be added as a source."""
     with authorized_command(station, principal, "maps/read_service", None, body.model_dump()):

@@ -63,6 +63,40 @@ class Flights:
         query = _query({"other": other, "align": align, "offset_s": offset_s})
         return await self._gcs.request("GET", _path(flight, "beside", query))
 
+    async def model(self, flight: str, *, mass_kg: float | None = None) -> dict[str, Any]:
+        """What a flight says of its aircraft: thrust and drag by mass, with standard errors.
+
+        Args:
+            flight: id of a flight with the vehicle's own log.
+            mass_kg: its take-off mass, if it is known.
+
+        Raises:
+            Invalid: the flight says too little.
+        """
+        return await self._gcs.request("GET", _path(flight, "model", _query({"mass_kg": mass_kg})))
+
+    async def kept_model(self, vehicle: str) -> dict[str, Any] | None:
+        """The model with which dry runs of a vehicle fly; None: none is kept."""
+        return (await self._gcs.request("GET", _model_path(vehicle)))["model"]
+
+    async def keep_model(self, vehicle: str, flight: str, *, mass_kg: float | None = None) -> dict[str, Any]:
+        """Identifies the model of a vehicle in one of its flights, and keeps it for its dry runs.
+
+        Args:
+            vehicle: id of the connected vehicle.
+            flight: id of a flight of this vehicle.
+            mass_kg: its take-off mass in that flight, if it is known.
+
+        Raises:
+            Invalid: the flight says too little, or is of another vehicle.
+        """
+        body: Body = {"flight": flight, "mass_kg": mass_kg}
+        return (await self._gcs.request("PUT", _model_path(vehicle), body))["model"]
+
+    async def forget_model(self, vehicle: str) -> None:
+        """Forgets the kept model of a vehicle."""
+        await self._gcs.request("DELETE", _model_path(vehicle))
+
     async def table(
         self, flight: str, topic: str, *, from_row: int = 0, at_s: float | None = None, rows: int = 100
     ) -> dict[str, Any]:
@@ -143,6 +177,10 @@ class LogStream:
 
 def _path(flight: str, part: str = "", query: str = "") -> str:
     return f"/flights/{quote(flight, safe='')}{f'/{part}' if part else ''}{f'?{query}' if query else ''}"
+
+
+def _model_path(vehicle: str) -> str:
+    return f"/vehicles/{quote(vehicle, safe='')}/model"
 
 
 def _query(values: Mapping[str, QueryValue]) -> str:

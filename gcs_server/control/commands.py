@@ -368,6 +368,8 @@ ALL: tuple[Command, ...] = (
     Command("plans/create", "plan", ("POST /plans",)),
     Command("plans/save", "plan", ("PUT /plans/{plan}",)),
     Command("plans/delete", "plan", ("DELETE /plans/{plan}",)),
+    Command("model/keep", "plan", ("PUT /vehicles/{v}/model",)),
+    Command("model/forget", "plan", ("DELETE /vehicles/{v}/model",)),
     Command("dry_runs/start", "plan", ("POST /dry_runs",)),
     # operations
     Command(
@@ -396,6 +398,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/mission/flown",
         "GET /vehicles/{v}/readiness",
         "GET /vehicles/{v}/modes",
+        "GET /vehicles/{v}/model",
         "GET /vehicles/{v}/ros2/topics",
         "GET /vehicles/{v}/logs",
         "GET /vehicles/{v}/logs/{file}",
@@ -450,6 +453,7 @@ ALL: tuple[Command, ...] = (
         "GET /flights/{f}",
         "GET /flights/{f}/joined",
         "GET /flights/{f}/beside",
+        "GET /flights/{f}/model",
         "GET /flights/{f}/file",
         "GET /flights/{f}/series",
         "GET /flights/{f}/spectrum",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from gcs_server.errors import InvalidRequest
 from gcs_server.flights.chosen import PlanSource, choose
 from gcs_server.flights.mission_start import require_roles
+from gcs_server.flights.vehicle_models import VehicleModels
 from gcs_server.operations.operations import Operation, ReportProgress
 from gcs_server.plans.tasks import DocumentHead
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
@@ -61,7 +62,7 @@ async def begin_dry_run(
         simulated, assumed = _role_vehicles(flights, head, vehicle_id, vehicle_ids, settings, battery)
     elif vehicle_ids is None:
         vehicle = None if vehicle_id is None else flights.fleet.get(vehicle_id)
-        aircraft, origin, assumed = aircraft_from_vehicle(vehicle, head)
+        aircraft, origin, assumed = aircraft_from_vehicle(vehicle, head, models=flights.models)
         simulated = {"roles": None, "aircraft": {**aircraft, **battery}, "origin": origin}
     else:
         raise InvalidRequest(
@@ -85,7 +86,11 @@ async def begin_dry_run(
 
 
 def aircraft_from_vehicle(
-    vehicle: Vehicle | None, document: DocumentHead, role: str | None = None
+    vehicle: Vehicle | None,
+    document: DocumentHead,
+    role: str | None = None,
+    *,
+    models: VehicleModels | None = None,
 ) -> tuple[dict[str, Any], dict[str, float] | None, list[str]]:
     """Returns the simulated aircraft (`home`, `yaw_ned_rad`, `parameters`, `battery_share`), the local origin
     (None: unknown), and the assumptions made because values were unknown.
@@ -95,6 +100,7 @@ def aircraft_from_vehicle(
         document: head of the plan.
         role: the vehicle's role in a mission of several vehicles; the assumptions then do not name the
             vehicle.
+        models: the kept models of vehicles.
 
     Raises:
         InvalidRequest: the start position is unknown.
@@ -120,6 +126,10 @@ def aircraft_from_vehicle(
         )
     if not aircraft["parameters"]:
         assumptions.append(f"The parameters of {vehicle_name} have not been read: PX4's defaults are used.")
+    kept = None if models is None else models.find(vehicle.identity)
+    if kept is not None:
+        aircraft["body"] = dict(kept.parameters)
+        assumptions.append(f"The body of {vehicle_name} is the one identified in a flight: {kept.text()}.")
     position = _start_position(vehicle, vehicle_name, assumptions)
     if position is None:
         assumptions.append(f"The position of {vehicle_name} is not known: the plan's home is used.")
@@ -220,6 +230,8 @@ def _role_vehicles(
     assumptions: dict[str, list[str]] = {}
     for role in document.roles:
         vehicle = None if vehicle_ids is None else flights.fleet.get(vehicle_ids[role])
-        aircraft, origin, assumptions[role] = aircraft_from_vehicle(vehicle, document, role)
+        aircraft, origin, assumptions[role] = aircraft_from_vehicle(
+            vehicle, document, role, models=flights.models
+        )
         roles[role] = {"aircraft": {**aircraft, **battery}, "origin": origin}
     return {"roles": roles}, merged_assumptions(assumptions)

@@ -11,6 +11,7 @@ from gcs_server.flights.mission_start import compile_inputs_of, prepare_mode
 from gcs_server.flights.missions import OffboardMissions
 from gcs_server.flights.preparation import Preparer
 from gcs_server.flights.resume import ProgressStore
+from gcs_server.flights.vehicle_models import VehicleModels
 from gcs_server.flights.waypoint_flights import WaypointFlights
 from gcs_server.operations.operations import Operations
 from gcs_server.plans.dry_runs import DryRuns
@@ -38,6 +39,7 @@ class Flights:
         plans: the stored plans.
         plan_work: runs tasks on plans.
         progress: how far each vehicle has flown its plan; None: only in memory.
+        models: models of vehicles that were found in flights; None: only in memory.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class Flights:
         plans: PlanStore,
         plan_work: PlanWork,
         progress: ProgressStore | None = None,
+        models: VehicleModels | None = None,
     ) -> None:
         self._supervisor, self._streamer = supervisor, streamer
         self.fleet, self.operations, self.plans, self.plan_work = fleet, operations, plans, plan_work
@@ -62,6 +65,7 @@ class Flights:
         preparer = Preparer(clock, supervisor, streams, prepare, inputs)
         self.mission_modes = MissionModes(clock, streamer, streams, self.missions, supervisor, preparer)
         self.progress = progress or ProgressStore()
+        self.models = models or VehicleModels()
         self.waypoint_flights = WaypointFlights(clock, supervisor, self.progress)
 
     def attach(self, vehicle: Vehicle) -> None:
@@ -80,8 +84,9 @@ class Flights:
         return self._streamer.offboard(self.fleet.get(vehicle_id).id)
 
     async def load(self) -> None:
-        """Reads the stored progress of the flights."""
+        """Reads the stored progress of the flights, and the models of vehicles."""
         await self.progress.load()
+        await self.models.load()
 
     def start(self) -> None:
         """Starts the periodic updates."""

@@ -14,6 +14,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, InvalidRequest, LogUnusable, Refused
 from gcs_server.logbook.joined_flights import Flight, JoinedFlights
 from gcs_server.logbook.library import Library, LogFile, Removed
+from gcs_server.logbook.names import kind_of
 from gcs_server.logbook.notes import NotesHead
 from gcs_server.logbook.uploads import Uploads
 from gcs_server.logbook.work import LogWork
@@ -26,6 +27,8 @@ _OVERVIEW = "overview.json"
 _SUMMARY = ("kind", "start_unix_s", "duration_s", "firmware", "flights")
 FORMAT = 2
 """Version of what is kept of a log that was read; a log of another version is read again."""
+IDENTIFIED_S = 600.0
+"""Of a longer flight the model of its aircraft is found in this part: more says no more of it."""
 MAX_UNASKED_BYTES = 200_000_000
 """A larger log is read only when a person opens it."""
 
@@ -207,6 +210,25 @@ class Logbook:
             InvalidRequest: this part cannot be flown, or the change has no effect on it.
         """
         return await self._work.rerun(await self._read_folder(file_id), from_s, to_s, change)
+
+    async def identify(self, flight: Flight, mass_kg: float | None) -> bytes:
+        """The model of the aircraft of a flight, as JSON (`missions.what_if.vehicle_model.VehicleModel`).
+
+        Args:
+            flight: the flight; its vehicle's own log is read.
+            mass_kg: known take-off mass; None: not known.
+
+        Raises:
+            LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
+            InvalidRequest: it has no log of the vehicle, or the log says too little.
+        """
+        parts = [each for each in flight.joined.parts if each.file in flight.files]
+        part = next((each for each in parts if kind_of(flight.files[each.file].path.name) == "ulog"), None)
+        if part is None:
+            raise InvalidRequest("flight", "The flight has no log of the vehicle (ULog).")
+        begin_s = part.flight.begin_s
+        to_s = min(part.flight.end_s, begin_s + IDENTIFIED_S)
+        return await self._work.identify(await self._read_folder(part.file), begin_s, to_s, mass_kg)
 
     async def beside(self, ids: Sequence[str], align: str, offset_s: float) -> bytes:
         """Two flights over each other, as JSON (`two_flights.TwoFlights`): the main log of each.

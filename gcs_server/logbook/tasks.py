@@ -73,6 +73,22 @@ def findings(folder: str) -> bytes:
     return table.encode(columns.load(Path(folder)))
 
 
+def identify(folder: str, from_s: float, to_s: float, mass_kg: float | None) -> bytes:
+    """The model of the aircraft that flew in a log, as JSON (`missions.what_if.vehicle_model.VehicleModel`).
+
+    Raises `missions.what_if.flight.NotFlyable`, OSError.
+    """
+    from gcs_server.logbook import columns
+    from gcs_server.logbook.flown import flown
+    from missions.what_if.flight import LEAD_S
+    from missions.what_if.vehicle_model import vehicle_model
+
+    overview = msgspec.json.decode((Path(folder) / columns.OVERVIEW).read_bytes())
+    parameters = {each["name"]: each["value"] for each in overview["parameters"]}
+    flight = flown(columns.Columns(Path(folder)), parameters, from_s + LEAD_S, to_s)
+    return msgspec.json.encode(vehicle_model(flight, mass_kg))
+
+
 def beside(folders: list[str], parts: list[dict[str, Any]], align: str, offset_s: float) -> bytes:
     """Two flights over each other as JSON: the folder of each, and what `two_flights.Part` has of it.
 
@@ -121,6 +137,7 @@ TASKS: dict[str, Callable[..., bytes | Stream]] = {
     "spectrum": spectrum,
     "findings": findings,
     "rerun": rerun,
+    "identify": identify,
     "beside": beside,
     "table": table,
     "export": export,

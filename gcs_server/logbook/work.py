@@ -111,6 +111,12 @@ class LogWork:
         async with self._plots.turn():
             return await self._run("findings", {"folder": str(folder)})
 
+    async def identify(self, folder: Path, from_s: float, to_s: float, mass_kg: float | None) -> bytes:
+        """The model of the aircraft that flew in a log, as JSON. Raises as `rerun`."""
+        arguments = {"folder": str(folder), "from_s": from_s, "to_s": to_s, "mass_kg": mass_kg}
+        async with self._reruns.turn():
+            return await self._run("identify", arguments)
+
     async def beside(
         self, folders: Sequence[Path], parts: Sequence[Mapping[str, Any]], align: str, offset_s: float
     ) -> bytes:

@@ -113,6 +113,11 @@ class DataFolder:
         return self.path / "limits"
 
     @property
+    def vehicle_models(self) -> Path:
+        """Folder of the models of vehicles that were found in flights, one file per vehicle."""
+        return self.path / "vehicle_models"
+
+    @property
     def flights(self) -> Path:
         """Folder with the progress of interrupted plan flights, one file per vehicle."""
         return self.path / "flights"

@@ -62,6 +62,8 @@ class Aircraft:
     yaw_ned_rad: float = 0.0
     parameters: Mapping[str, float] = field(default_factory=dict[str, float])
     """Parameters by PX4 name; `simulated_parameters` selects those that the simulated vehicle uses."""
+    body: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Parameters of the body (SIH_*) that were identified in a flight; they come before all others."""
     battery_share: float = 1.0
     """Battery charge at the start, 0 to 1."""
     endurance_s: float | None = None
@@ -90,13 +92,14 @@ class Aircraft:
     def simulated_parameters(self) -> dict[str, float]:
         """The parameters that the simulated vehicle uses."""
         patterns = USED_PARAMETERS_OF_SIMULATED if self.is_simulated else USED_PARAMETERS
-        return {
+        used = {
             name: value
             for name, value in self.parameters.items()
             if math.isfinite(value)
             and any(fnmatchcase(name, pattern) for pattern in patterns)
             and (self.is_simulated or name not in AIRFRAME_SPECIFIC)
         }
+        return used | dict(self.body)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.what_if.flight import LoggedFlight, NotFlyable
-from missions.what_if.model import BODY, Identified, Model, body_parameters, identify
+from missions.what_if.identified import Identified
+from missions.what_if.model import BODY, Model, body_parameters, identify
 from missions.what_if.rerun import ALL_WORK, Change, Rerun, Track
 from vehicle_sim.frames import euler_of
 from vehicle_sim.parameters import Parameters

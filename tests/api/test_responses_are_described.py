@@ -22,8 +22,8 @@ from tests.unit.gcs_server.replay.generated_logs import flight, record
 REQUESTS_PER_OPERATION = int(os.environ.get("GENERATED_REQUESTS", "2"))
 """`make nightly` sends more."""
 SEED = 14
-VEHICLE_STATUSES = {"503", "504"}
-"""Statuses that the vehicle or its link can cause; no other 5xx is allowed."""
+VEHICLE_STATUSES = {"502", "503", "504"}
+"""Statuses that the vehicle, its link or a map service can cause; no other 5xx is allowed."""
 
 
 class WorkInThread(PlanWork):

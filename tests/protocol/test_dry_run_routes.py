@@ -3,11 +3,16 @@ nothing to the vehicle."""
 
 import json
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
+import msgspec
 import pytest
 
-from gcs_server.api import control_routes, dry_run_models, dry_run_routes
+from gcs_server.api import control_routes, dry_run_models, dry_run_routes, vehicle_model_routes
+from gcs_server.errors import InvalidRequest
 from missions.dry_run.setup import release_name, simulated_release
+from missions.what_if.identified import Identified, VehicleModel
 from tests.protocol.api_calls import ANNA, BOB, FORCED_CONTROL_REQUEST, json_of, run_with_routes
 from tests.protocol.command_numbers import REQUEST_MESSAGE, RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL
 from tests.protocol.offboard_testbed import sleep
@@ -68,6 +73,59 @@ def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(run_si
         assert run_info["vehicle"] == "1"
         assert set(request["origin"]) == {"lat_deg", "lon_deg", "alt_amsl_m"}
         json.dumps(request, allow_nan=False)
+
+    run_with_routes(run_simulated, scenario, flying=False)
+
+
+class FlightsOfOneLog:
+    """A logbook with one flight, whose log says a thrust and no drag."""
+
+    def __init__(self, uid=None, vehicle="1") -> None:
+        best = SimpleNamespace(uid=uid, vehicle=vehicle)
+        files = {"f": SimpleNamespace(path=Path("own.ulg"))}
+        self._flight = SimpleNamespace(id="f-0", name=None, best=best, files=files)
+
+    async def flight(self, _flight_id):
+        return self._flight
+
+    async def identify(self, _flight, mass_kg):
+        unknown = Identified(0.0, 1.0)
+        body = {"SIH_MASS": mass_kg, "SIH_T_MAX": 9.0}
+        return msgspec.json.encode(
+            VehicleModel(Identified(24.0, 0.2), unknown, False, False, None, mass_kg, 36.0, None, body, [])
+        )
+
+
+def test_dry_runs_fly_with_the_kept_model_and_say_so_until_it_is_forgotten(run_simulated):
+    async def scenario(rig):
+        rig.station.logbook = FlightsOfOneLog()
+        body = vehicle_model_routes.ModelToKeep(flight="f-0", mass_kg=1.5)
+        kept = json_of(await vehicle_model_routes.keep_model("1", body, rig.station, ANNA))["model"]
+        shown = json_of(await vehicle_model_routes.show_model(rig.station, rig.vehicle))["model"]
+        assert kept == shown
+        assert (kept["flight"], kept["log"], kept["drag_per_s"]) == ("f-0", "own.ulg", None)
+        request, run_info = await request_dry_run(rig)
+        assert request["aircraft"]["body"] == {"SIH_MASS": 1.5, "SIH_T_MAX": 9.0}
+        (said,) = [text for text in run_info["assumed"] if "identified in a flight" in text]
+        assert said.startswith("The body of vehicle 1 is the one identified in a flight: thrust by mass 24.0")
+        await vehicle_model_routes.forget_model("1", rig.station, ANNA)
+        request, run_info = await request_dry_run(rig)
+        assert "body" not in request["aircraft"]
+        assert not any("identified" in text for text in run_info["assumed"])
+        assert commands_with_effect(rig.autopilot) == []
+
+    run_with_routes(run_simulated, scenario, flying=False)
+
+
+@pytest.mark.parametrize("logged", [{"vehicle": "2"}, {"uid": "0" * 36, "vehicle": "1"}])
+def test_the_model_of_another_vehicle_is_not_kept(run_simulated, logged):
+    async def scenario(rig):
+        rig.vehicle._identity = replace(rig.vehicle.identity, uid="1" * 36)
+        rig.station.logbook = FlightsOfOneLog(**logged)
+        body = vehicle_model_routes.ModelToKeep(flight="f-0")
+        with pytest.raises(InvalidRequest, match="another vehicle"):
+            await vehicle_model_routes.keep_model("1", body, rig.station, ANNA)
+        assert rig.station.flights.models.find(rig.vehicle.identity) is None
 
     run_with_routes(run_simulated, scenario, flying=False)
 

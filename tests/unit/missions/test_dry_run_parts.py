@@ -41,6 +41,8 @@ def test_airframe_parameters_of_a_real_vehicle_are_not_used_and_those_of_a_simul
         "RTL_TYPE": math.nan,
     }
     assert Aircraft(HOME, parameters=parameters).simulated_parameters() == {"MPC_XY_CRUISE": 7.0}
+    identified = Aircraft(HOME, parameters=parameters, body={"SIH_MASS": 2.0}).simulated_parameters()
+    assert identified == {"MPC_XY_CRUISE": 7.0, "SIH_MASS": 2.0}
     of_simulator = Aircraft(HOME, parameters={**parameters, "SIH_MASS": 1.4}).simulated_parameters()
     assert set(of_simulator) == {"MPC_XY_CRUISE", "MC_ROLLRATE_P", "MPC_THR_HOVER", "SIH_MASS"}
 

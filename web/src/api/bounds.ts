@@ -251,6 +251,9 @@ export const BOUNDS = {
   MissionToInsert: {
     version: {"min":1},
   },
+  ModelToKeep: {
+    mass_kg: {"min":0.01,"max":1000},
+  },
   NewMapSource: {
     min_zoom: {"min":0,"max":24},
     max_zoom: {"min":0,"max":24},

@@ -3526,6 +3526,56 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/flights/{f}/model": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Identify Model
+         * @description What a flight says of its aircraft: thrust and drag by mass with their standard errors, and what it
+         *     does not say. It needs the vehicle's own log; nothing is kept.
+         */
+        readonly get: operations["identify_model_api_v1_flights__f__model_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/model": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Model
+         * @description The kept model of a vehicle, with which its dry runs fly.
+         */
+        readonly get: operations["show_model_api_v1_vehicles__v__model_get"];
+        /**
+         * Keep Model
+         * @description Identifies the model of a vehicle in one of its flights, and keeps it: from now on its dry runs fly
+         *     with it, and say so. A kept model is replaced. Nothing is sent to the vehicle.
+         */
+        readonly put: operations["keep_model_api_v1_vehicles__v__model_put"];
+        readonly post?: never;
+        /**
+         * Forget Model
+         * @description Forgets the kept model of a vehicle: its dry runs fly with the simulated quadrotor's body again.
+         */
+        readonly delete: operations["forget_model_api_v1_vehicles__v__model_delete"];
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles": {
         readonly parameters: {
             readonly query?: never;
@@ -9687,6 +9737,64 @@ export interface components {
             readonly repeat: number;
         };
         /**
+         * KeptModel
+         * @description The model of one vehicle.
+         */
+        readonly KeptModel: {
+            /**
+             * Flight
+             * @description Id of the flight in which it was identified.
+             */
+            readonly flight: string;
+            /**
+             * Log
+             * @description Name of that flight, or of its log: the flight may be deleted later.
+             */
+            readonly log: string;
+            /**
+             * Kept Unix S
+             * @description When it was kept [s since 1970 UTC].
+             */
+            readonly kept_unix_s: number;
+            /**
+             * Kept By
+             * @description Client that kept it.
+             */
+            readonly kept_by: string;
+            /**
+             * Mass Kg
+             * @description The known mass that was given; null: only ratios to the mass are known.
+             */
+            readonly mass_kg: number | null;
+            /**
+             * Thrust M S2
+             * @description Thrust of all motors at full signal, divided by the mass [m/s²].
+             */
+            readonly thrust_m_s2: number;
+            /**
+             * Thrust Error M S2
+             * @description Its standard error.
+             */
+            readonly thrust_error_m_s2: number;
+            /**
+             * Drag Per S
+             * @description Drag per speed, divided by the mass [1/s]; null: the flight did not say enough of it.
+             */
+            readonly drag_per_s: number | null;
+            /**
+             * Drag Error Per S
+             * @description Its standard error.
+             */
+            readonly drag_error_per_s: number | null;
+            /**
+             * Parameters
+             * @description The body of the simulation (SIH_*, MPC_THR_HOVER).
+             */
+            readonly parameters: {
+                readonly [key: string]: number;
+            };
+        };
+        /**
          * KeptPlan
          * @description A version of a plan, with its document.
          */
@@ -11683,6 +11791,26 @@ export interface components {
              * @description Name of the mode on the page.
              */
             readonly mode_label: string;
+        };
+        /**
+         * ModelToKeep
+         * @description The flight in which the model of a vehicle is identified.
+         * @example {
+         *       "flight": "0123456789abcdef-0",
+         *       "mass_kg": 1.8
+         *     }
+         */
+        readonly ModelToKeep: {
+            /**
+             * Flight
+             * @description Id of a flight of this vehicle with its own log.
+             */
+            readonly flight: string;
+            /**
+             * Mass Kg
+             * @description Take-off mass in that flight, if it is known [kg].
+             */
+            readonly mass_kg?: number | null;
         };
         /**
          * ModuleDone
@@ -18164,6 +18292,71 @@ export interface components {
             readonly messages_left_out: number;
         };
         /**
+         * VehicleModel
+         * @description What a flight says of its aircraft.
+         */
+        readonly VehicleModel: {
+            /** @description Thrust of all motors at full signal, divided by the mass [m/s²]. */
+            readonly thrust_m_s2: components["schemas"]["IdentifiedValue"];
+            /** @description Drag per speed, divided by the mass [1/s]. */
+            readonly drag_per_s: components["schemas"]["IdentifiedValue"];
+            /**
+             * Drag Known
+             * @description Whether the flight says enough of the drag; otherwise the simulated quadrotor's is used.
+             */
+            readonly drag_known: boolean;
+            /**
+             * Turns Known
+             * @description Whether it says enough of the turning about roll, pitch and yaw; otherwise the simulated
+             *     quadrotor's.
+             */
+            readonly turns_known: boolean;
+            /**
+             * Wind Ne M S
+             * @description Mean wind in the flight to the north and east; null: not known.
+             */
+            readonly wind_ne_m_s: readonly [
+                number,
+                number
+            ] | null;
+            /**
+             * Mass Kg
+             * @description The known mass that was given; null: only ratios to the mass are known.
+             */
+            readonly mass_kg: number | null;
+            /**
+             * Thrust N
+             * @description Thrust of all motors at full signal [N]; null: the mass is not known.
+             */
+            readonly thrust_n: number | null;
+            /**
+             * Drag N Per M S
+             * @description Drag per speed [N/(m/s)]; null: mass or drag are not known.
+             */
+            readonly drag_n_per_m_s: number | null;
+            /**
+             * Parameters
+             * @description The body for the simulation (SIH_*, MPC_THR_HOVER); with an unknown mass that of a vehicle of 1 kg,
+             *     which moves alike.
+             */
+            readonly parameters: {
+                readonly [key: string]: number;
+            };
+            /**
+             * Notes
+             * @description What the flight does not say, as sentences.
+             */
+            readonly notes: readonly string[];
+        };
+        /**
+         * VehicleModelView
+         * @description The kept model of a vehicle.
+         */
+        readonly VehicleModelView: {
+            /** @description Null: none is kept; dry runs use the simulated quadrotor's body. */
+            readonly model: components["schemas"]["KeptModel"] | null;
+        };
+        /**
          * VehicleModes
          * @description The flight modes that the vehicle offers, in its own order.
          */
@@ -20020,7 +20213,7 @@ export interface operations {
                 readonly other: string;
                 /** @description By what their times are brought together: arming, take-off, the best fit of their tracks in time, or `offset_s`. */
                 readonly align?: "arming" | "takeoff" | "fit" | "offset";
-                /** @description With `align=offset`: added to times of the second log to get those of the first [s]. */
+                /** @description With `align=offset`: added to times of the second log, for those of the first [s]. */
                 readonly offset_s?: number;
             };
             readonly header?: never;
@@ -25789,6 +25982,15 @@ export interface operations {
             readonly 422: components["responses"]["Refused422"];
             readonly 429: components["responses"]["Refused429"];
             readonly 431: components["responses"]["Refused431"];
+            /** @description The service does not answer, or not as WMTS. */
+            readonly 502: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             readonly 503: components["responses"]["Refused503"];
             /** @description The vehicle did not answer. */
             readonly 504: {
@@ -30294,6 +30496,247 @@ export interface operations {
                 content: {
                     readonly "application/json": components["schemas"]["UserSettingsView"];
                 };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly identify_model_api_v1_flights__f__model_get: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description Known take-off mass; without it, only ratios. */
+                readonly mass_kg?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["VehicleModel"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_model_api_v1_vehicles__v__model_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["VehicleModelView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly keep_model_api_v1_vehicles__v__model_put: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ModelToKeep"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["VehicleModelView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly forget_model_api_v1_vehicles__v__model_delete: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];

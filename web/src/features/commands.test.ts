@@ -23,6 +23,7 @@ vi.stubGlobal('fetch', server.fetch);
 const { page } = await import('../app/page.svelte');
 const { actions } = await import('../app/vehicle-actions.svelte');
 const { provide } = await import('../app/services');
+const { vehicleModels } = await import('../app/vehicle-model.svelte');
 const { commandTo } = await import('../app/actions/command.svelte');
 const { default: Refusal } = await import('../app/Refusal.svelte');
 const { offboard, groups } = await import('./offboard/controllers');
@@ -379,6 +380,8 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
     },
   },
   'add a log': { vehicles: [], click: () => flights.add(new File(['ULog'], 'a.ulg')) },
+  'keep the model of a vehicle': { click: (facts) => vehicleModels.keep(facts.id, 'f1-0', null) },
+  'forget the model of a vehicle': { click: (facts) => vehicleModels.forget(facts.id) },
   'name a flight': { vehicles: [], click: () => flights.setName('f1-0', 'Bridge') },
   'separate a part of a flight': { vehicles: [], click: () => flights.decide('f1-0', 'f2-1', false) },
   'delete a flight': { vehicles: [], click: () => flights.delete('f1') },

@@ -6,6 +6,7 @@ import { rooms } from '../../app/registry.svelte';
 import { LiveView, stateOf, type State } from '../../plots/live-view.svelte';
 import { commandGate } from '../../app/vehicle-actions.svelte';
 import { FlightLibrary, titleOf, type Row } from './library.svelte';
+import { Identification } from './identification.svelte';
 import { LogView } from './log-view.svelte';
 import { TwoFlights } from './two-flights.svelte';
 import { WhatIf } from './what-if.svelte';
@@ -19,6 +20,7 @@ export const library = new FlightLibrary(page.api);
 export const view = new LogView(page.api);
 export const live = new LiveView(page.api);
 export const whatIf = new WhatIf(page.api, view);
+export const identification = new Identification(page.api, view);
 export const twoFlights = new TwoFlights(page.api, view);
 export const values = new Values(page.api, view, (url) => {
   const link = document.createElement('a');
@@ -55,6 +57,7 @@ export function openRow(row: Row): Promise<void> {
   live.close();
   whatIf.reset();
   twoFlights.reset();
+  identification.reset();
   values.reset();
   return view.open(row.files[0]?.id ?? row.id, titleOf(row), row.flight);
 }
@@ -65,6 +68,7 @@ export async function openFlight(id: string, name: string): Promise<void> {
   live.close();
   whatIf.reset();
   twoFlights.reset();
+  identification.reset();
   values.reset();
   if (!(await view.read(id, name))) return;
   await library.load(); // which flights a log has is known once it was read
