@@ -47,6 +47,7 @@ def test_from_the_first_visit_to_the_comparison_of_the_flight(
     with open_page(browser, station.url, theme=theme, size=(1280, 800), scene=False) as page:
         page.get_by_role("button", name="Choose map").click()
         sources = page.get_by_role("region", name="Map source")
+        sources.get_by_role("button", name="Add a source").wait_for()  # the panel has begun to fade in
         picture(page, f"{theme}-1-map-sources")
         sources.get_by_role("button", name="Add a source").click()
         sources.get_by_label("Name").fill("Field server")

@@ -22,9 +22,10 @@ ENGLISH = re.compile(
     re.IGNORECASE,
 )
 ALLOWED = re.compile(
+    r"(?<=^Verlauf von )\w+$|"
     r"\bStart(s|et|en)?\b|\bName\b|\bStopp?\b|\bHome(-Position)?\b|Offboard GCS|\bWest\b|^\.waypoints$"
 )
-"""Words that are the same in German, and names."""
+"""Fields whose values are plotted, words that are the same in German, and names."""
 FIELD = re.compile(r"\b([a-z]+_\w+|[A-Z][A-Z_]+)(:[\d.]+)?[ /]\w+")
 """A field of a topic or message."""
 
