@@ -119,8 +119,10 @@ def states(station: Station) -> list[Any]:
     missions = [
         station.gcs.vehicle(each).request("GET", "/offboard_mission")["mission"] or {} for each in IDS
     ]
-    ended = [mission for mission in missions if mission.get("reason") and mission.get("state") != "done"]
-    assert not ended, ended
+    reasons = [
+        mission["reason"] for mission in missions if mission.get("reason") and mission["state"] != "done"
+    ]
+    assert not reasons, reasons
     return [mission.get("state") for mission in missions]
 
 
