@@ -1,6 +1,7 @@
 """Flights over HTTP: listed, added in parts, read, plotted and deleted; bad files and names are refused in
 words, and the oldest files make room for new ones, which is said."""
 
+import math
 import os
 import sqlite3
 
@@ -134,6 +135,23 @@ def test_a_log_is_shown_as_a_table_and_written_for_other_programs(client):
     ):
         refused = client.get(f"{url}/export", params=params)
         assert (refused.status_code, refused.json()["field"]) == (422, field), refused.text
+    assert delete(client, flight_id).status_code == 204
+
+
+def test_a_spectrum_shows_the_frequency_of_a_value(client):
+    flight_id = add(client, "tone.ulg", ulog(steps=600))
+    url = f"{API}/flights/{flight_id}/spectrum"
+    answer = client.get(url, params={"field": "all_types:0/float_value"}).json()  # sin(step / 10), 10 steps/s
+    density = answer["density"]
+    strongest_hz = answer["frequencies_hz"][density.index(max(density))]
+    assert strongest_hz == pytest.approx(1 / (2 * math.pi), abs=1 / answer["segment_s"])
+    assert (answer["rate_hz"], answer["gaps"]) == (pytest.approx(10, rel=0.01), pytest.approx(0, abs=2))
+    assert len(answer["decibels"]) == len(answer["t_s"])
+    for params in ({"field": "none:0/x"}, {"field": "all_types:0/float_value", "from_s": 1, "to_s": 1.05}):
+        refused = client.get(url, params=params)
+        assert (refused.status_code, refused.json()["field"]) in {(422, "field"), (422, "from_s")}, (
+            refused.text
+        )
     assert delete(client, flight_id).status_code == 204
 
 

@@ -79,6 +79,14 @@ def test_a_hostile_client_affects_no_vehicle(flight: AttackedFlight, name: str) 
     assert not {status for status in statuses if status >= 500} - OVERLOAD_STATUSES
 
 
+def test_viewers_of_large_and_damaged_logs_affect_no_vehicle(flight: AttackedFlight) -> None:
+    with flight.under_attack():
+        statuses = {int(each) for each in attack("flights", flight.url.removeprefix("http://")).split()}
+        wait_for_effects(3)
+    assert 200 in statuses
+    assert not {status for status in statuses if status >= 500} - OVERLOAD_STATUSES
+
+
 def test_a_recording_with_a_million_senders_affects_no_vehicle(flight: AttackedFlight) -> None:
     (flight.data_folder / "recordings").mkdir(exist_ok=True)
     write_recording(flight.data_folder / "recordings" / "endless.tlog", 1_000_000)

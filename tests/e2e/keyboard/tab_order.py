@@ -90,6 +90,13 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         flights = page.get_by_role("region", name=text("Flights"), exact=True)
         flights.get_by_role("list").or_(flights.get_by_text(text("No flights yet"))).first.wait_for()
 
+    def open_live_plots() -> None:
+        open_flights()
+        flights = page.get_by_role("region", name=text("Flights"), exact=True)
+        flights.get_by_role("button", name=text("Live plots of {0}").replace("{0}", "Quad 101")).focus()
+        page.keyboard.press("Enter")
+        flights.get_by_role("group", name=text("Fields of the vehicle")).wait_for()
+
     def open_gamepad_page() -> None:
         settings = page.get_by_role("region", name=text("Settings"), exact=True)
         if not settings.is_visible():
@@ -131,6 +138,7 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         ("view: vehicle", key_presser("Shift+V")),
         ("view: plan", key_presser("w")),
         ("view: flights", open_flights),
+        ("view: live plots", open_live_plots),
         ("view: gamepad", open_gamepad_page),
         ("view: offboard", open_offboard_view),
         *inputs,

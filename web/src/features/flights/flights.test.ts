@@ -3,6 +3,7 @@ import { ApiClient } from '../../api/client';
 import { loadFindings, missing, severalVehicles } from './findings';
 import { detailsOf, FlightLibrary, matching, removedText, sourcesOf, titleOf, type Flight, type LogFile, type Row } from './library.svelte';
 import { timeText, valueAt } from '../../plots/plot-view.svelte';
+import { follow } from './growth';
 import { fieldsOfSet, findFields, labelOf, SETS } from '../../plots/sets';
 import { LogView, type Overview } from './log-view.svelte';
 
@@ -293,6 +294,46 @@ describe('an open log', () => {
     expect(decodeURIComponent(sent.at(-1)?.call ?? '')).toContain('GET /flights/f2/series?field=LOCAL_POSITION_NED:7.1/x&from_s=105&to_s=196');
     expect(view.series.get('1|LOCAL_POSITION_NED:7.1/x')?.t_s).toEqual([20, 30]);
     expect(labelOf('1|LOCAL_POSITION_NED:7.1/x')).toBe('LOCAL_POSITION_NED:7.1 x');
+  });
+
+  it('follows a log that is still being written, and a window of the past stays', async () => {
+    let duration_s = 100;
+    const { api, sent } = server((call) => [200, call.includes('/series') ? { series: [] } : { ...OVERVIEW, duration_s }]);
+    const view = new LogView(api);
+    await view.open('f1', 'a');
+    view.toggle('a:0/x');
+    duration_s = 130;
+    await view.refresh(null);
+    expect(view.shown).toEqual({ from_s: 0, to_s: 130 });
+    view.zoom({ from_s: 110, to_s: 130 });
+    duration_s = 140;
+    await view.refresh(null);
+    expect(view.shown).toEqual({ from_s: 120, to_s: 140 });
+    view.zoom({ from_s: 10, to_s: 20 });
+    await vi.advanceTimersByTimeAsync(200);
+    duration_s = 150;
+    await view.refresh(null);
+    expect([view.shown, view.whole.to_s]).toEqual([{ from_s: 10, to_s: 20 }, 150]);
+    const before = sent.filter(({ call }) => call.includes('/series')).length;
+    await vi.advanceTimersByTimeAsync(200);
+    expect(sent.filter(({ call }) => call.includes('/series')).length).toBe(before + 1);
+    view.close();
+    await view.refresh(null);
+    expect(view.parts).toEqual([]);
+  });
+
+  it('reads again until all is written', async () => {
+    let running = true;
+    const flight = { ...FLIGHT, parts: FLIGHT.parts.slice(0, 1) };
+    const library = new FlightLibrary(server(() => [200, { flights: [flight], files: [{ ...FILE, running }], total_bytes: 1, max_bytes: 1, removed: [] }]).api);
+    const refresh = vi.fn(() => Promise.resolve());
+    const end = follow(library, { flight, refresh });
+    await vi.advanceTimersByTimeAsync(11_000);
+    expect(refresh).toHaveBeenCalledTimes(2);
+    running = false;
+    end();
+    await vi.advanceTimersByTimeAsync(60_000);
+    expect(refresh).toHaveBeenCalledTimes(2);
   });
 
   it('ignores the answer for a log that was closed meanwhile', async () => {

@@ -47,6 +47,8 @@ export interface FlightEvent {
 const SECOND = 'second|';
 /** Values are requested again after this pause in zooming [ms]. */
 const PAUSE_MS = 60;
+/** A window that ends this near to the end of a log follows it as it grows [s]. */
+const AT_END_S = 1;
 /** Shown before arming and after disarming [s]. */
 const AROUND_S = 15;
 const WARNING = 4;
@@ -141,6 +143,26 @@ export class LogView extends PlotView {
     if (response.ok) this.parts = [...this.parts, { file, source, offset_s, overview: response.value }];
     else this.problem = response.problem;
     return response.ok;
+  }
+
+  /**
+   * Reads again what has grown. A window that reached to the end goes on doing so.
+   * @param flight the shown flight as it is now; null: a whole log is shown.
+   */
+  async refresh(flight: Flight | null): Promise<void> {
+    const { id, parts, whole, isWhole } = this;
+    if (this.flight?.id !== flight?.id) return;
+    const answers = await Promise.all(parts.map(({ file }) => this.api.get('/flights/{f}', { params: { path: { f: file } } })));
+    if (this.id !== id || this.parts !== parts) return; // another was opened meanwhile
+    const isAtEnd = this.shown.to_s >= whole.to_s - AT_END_S;
+    this.flight = flight;
+    this.parts = parts.map((part, i) => (answers[i]?.ok === true ? { ...part, overview: answers[i].value } : part));
+    const grown_s = this.whole.to_s - whole.to_s;
+    if (grown_s <= 0) return;
+    this.loadedKey = '';
+    if (isAtEnd) this.zoom({ from_s: this.shown.from_s + (isWhole ? 0 : grown_s), to_s: this.shown.to_s + grown_s });
+    else this.requestSeries();
+    await this.loadTrack();
   }
 
   close(): void {
