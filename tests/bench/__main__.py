@@ -26,6 +26,7 @@ from . import (
     stream,
     telemetry_bytes,
     trajectories,
+    what_if,
 )
 
 SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
@@ -47,6 +48,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "slow_browser": ("A browser that does not read", slow_browser.table),
     "telemetry": ("Telemetry of one vehicle", telemetry_bytes.table),
     "trajectories": ("Trajectories, this solver compared with libraries", trajectories.table),
+    "what_if": ("Reruns of logged flights, and identified aircraft", what_if.table),
     "page": ("The page in a browser", page.table),
     "fleet_page": ("The page with a hundred vehicles", fleet_page.table),
 }
