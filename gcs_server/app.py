@@ -45,6 +45,7 @@ from gcs_server.flights.resume import ProgressStore
 from gcs_server.flights.vehicle_models import VehicleModels
 from gcs_server.language import language_of
 from gcs_server.links.names import shown_url
+from gcs_server.logbook.after_landing import PERIOD_S
 from gcs_server.logbook.decisions import Decisions
 from gcs_server.logbook.joined_flights import JoinedFlights
 from gcs_server.logbook.library import Library, Removed
@@ -237,11 +238,11 @@ class Server:
             ground_tiles=GroundTiles(clock, self.flights.plan_work, folder.cache / "ground_tiles"),
             logbook=self._logbook(settings, clock, folder, authority, replays),
             vehicle_files=folder.vehicle_files,
+            after_landing_records=Records(folder.after_landing),
             has_scene=self.scene is not None,
             simulator=self._simulator,
         )
-        hub.set_replays_source(replays.all)
-        hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)
+        self._connect_hub(hub)
         self.flight_notes = self._flight_notes(clock)
         self._collect_warnings()
 
@@ -280,6 +281,7 @@ class Server:
             clock, self.fleet, self.router, self.flights, store, journal.of_vehicle, logbook.read_unasked
         )
         self.fleet.on_vehicle_removed(notes.detach)
+        self.fleet.on_vehicle_removed(self.station.after_landing.detach)
         return notes
 
     def _scene(self, clock: Clock) -> SceneProcess:
@@ -288,6 +290,11 @@ class Server:
         ground = SceneGround(partial(files_of, work), partial(relief_around, work))
         target, on_click, on_drag = self._offboard_target, events.scene_click, events.scene_drag
         return SceneProcess(self.fleet, clock, target, on_click, on_drag, result_of, ground)
+
+    def _connect_hub(self, hub: Hub) -> None:
+        hub.set_replays_source(self.station.replays.all)
+        hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)
+        hub.set_landed_logs_source(self.station.after_landing.of)
 
     def _connect_vehicles(self, cache: Cache) -> None:
         """Lets the parts know of the vehicles that come and go."""
@@ -312,6 +319,7 @@ class Server:
             ("maps", self.station.map_sources.warnings),
             ("maps", self.station.elevation_sources.warnings),
             ("settings", self.station.user_settings.warnings),
+            ("settings", self.station.after_landing.warnings),
             ("ros2_settings", self._ros2_settings.warnings),
         ]
         if self.scene is not None:
@@ -329,6 +337,7 @@ class Server:
         for sources in (self.station.map_sources, self.station.elevation_sources):
             await asyncio.to_thread(sources.load)
         await asyncio.to_thread(self.station.user_settings.load)
+        await asyncio.to_thread(self.station.after_landing.load)
         await self.streamer.limits.load()
         await self.flights.load()
         self.router.start()
@@ -347,6 +356,7 @@ class Server:
         self.flight_notes.start(self.supervisor)
         self.station.authority.start()
         self.supervisor.start("room for flights", self.station.logbook.run)
+        self.supervisor.repeat("logs after landings", self.station.after_landing.update, PERIOD_S)
         if self.scene is not None:
             self.supervisor.start("scene", self.scene.run)
         if self._simulator is not None:
@@ -372,6 +382,7 @@ class Server:
         for sources in (self.station.map_sources, self.station.elevation_sources):
             sources.close()
         self.station.user_settings.close()
+        self.station.after_landing.close()
         self.station.replays.stop()
         await asyncio.to_thread(self.station.logbook.close)
         await asyncio.to_thread(self.station.topic_inspectors.close)

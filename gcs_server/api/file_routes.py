@@ -88,10 +88,10 @@ async def get_file(v: str, body: FilePath, station: StationDep, principal: Princ
     It waits while another file or log is downloaded, or up to ten minutes for a lost vehicle; the next one
     continues what an earlier one has received. Its result has the id `file` for `GET …/files/{file}`,
     `name`, `size_bytes` and `verified` (`crc32`: the vehicle's checksum is equal; `size`: it gave none).
-    The server keeps the newest hundred files, at most 1 GB. Refused while the vehicle is armed; ends when it
-    is armed."""
+    The server keeps the newest hundred files, at most 1 GB. Refused while the vehicle is armed; pauses while
+    it is armed later, or takes a plan."""
     with authorized_command(station, principal, "files/get", v, {"path": body.path}):
-        station.fleet.get(v).require("files")
+        station.fleet.get(v).service(VehicleFiles).require_disarmed()
 
         async def work(report: ReportProgress) -> dict[str, object]:
             return await station.file_downloads.run(v, body.path, report)

@@ -94,10 +94,10 @@ async def download(v: str, number: int, station: StationDep, principal: Principa
     It reads by FTP or LOG_DATA, whichever is faster; waits while another log is downloaded, or up to ten
     minutes for a lost vehicle; and continues what an earlier one has received. Its result has the `file` for
     `GET …/logs/{file}`, the id `flight` for `GET /flights/{f}`, `verified` (`crc32`: the vehicle's checksum
-    is equal; `size`: it gave none), and what arrived in each way. Refused while the vehicle is armed; ends
-    when it is armed."""
+    is equal; `size`: it gave none), and what arrived in each way. Refused while the vehicle is armed; pauses
+    while it is armed later, or takes a plan."""
     with authorized_command(station, principal, "logs/download", v, {"number": number}):
-        station.fleet.get(v).require("files")
+        station.fleet.get(v).service(LogService).require_disarmed()
         operation = station.operations.start(
             "logs/download",
             partial(station.log_downloads.run, v, number),

@@ -15,6 +15,7 @@ from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.flights.flights import Flights
+from gcs_server.logbook.after_landing import AfterLanding
 from gcs_server.logbook.downloads import LogDownloads
 from gcs_server.logbook.file_downloads import FileDownloads
 from gcs_server.logbook.logbook import Logbook
@@ -27,6 +28,7 @@ from gcs_server.plans.ground_tiles import GroundTiles
 from gcs_server.replay.service import Replays
 from gcs_server.ros2.inspector import TopicInspectors
 from gcs_server.simulator_process import SimulatorProcess
+from gcs_server.storage.records import Records
 from gcs_server.storage.user_settings import UserSettings
 from gcs_server.streamer.offboard.control import OffboardControl
 from gcs_server.telemetry.hub import Hub
@@ -64,7 +66,10 @@ class Station:
     """The files of flights, among them the logs that were downloaded from vehicles."""
     vehicle_files: Path
     """Folder of the files that were downloaded from vehicles; made when needed."""
+    after_landing_records: Records
+    """Where it is stored what happens with logs after a landing."""
     log_downloads: LogDownloads = field(init=False)
+    after_landing: AfterLanding = field(init=False)
     file_downloads: FileDownloads = field(init=False)
     log_streams: LogStreams = field(init=False)
     request_queue: RequestQueue = field(init=False)
@@ -84,6 +89,14 @@ class Station:
         self.log_downloads = LogDownloads(self.clock, self.logbook, self.fleet.get)
         self.file_downloads = FileDownloads(
             self.clock, self.vehicle_files, self.log_downloads.transfers, self.fleet.get
+        )
+        self.after_landing = AfterLanding(
+            self.clock,
+            self.fleet,
+            self.operations,
+            self.log_downloads,
+            self.after_landing_records,
+            lambda v: self.journal.add("server", "logs/download", v, {}, "ok", "After its landing.", 0.0),
         )
         self.log_streams = LogStreams(self.clock, self.logbook, self.fleet.get)
         self.request_queue = RequestQueue(self.authority.controls_any)

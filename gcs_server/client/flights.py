@@ -31,6 +31,21 @@ class Flights:
         """`flights`, joined of their files, and `files`, each the newest first."""
         return await self._gcs.request("GET", "/flights")
 
+    async def after_landing(self, choice: str | None = None) -> dict[str, Any]:
+        """What happens with a vehicle's log after its flight: `choice` (`never`, `offer`, `download`), which
+        an argument sets, and `landed`, by vehicle id the log of its newest flight."""
+        body: Body | None = None if choice is None else {"choice": choice}
+        return await self._gcs.request("GET" if body is None else "POST", "/logs_after_landing", body)
+
+    async def download_landed(self, vehicle: str) -> dict[str, Any]:
+        """Downloads the log of a vehicle's newest flight; returns the operation, whose `result` has the
+        `flight`.
+
+        Raises:
+            Refused: the server has seen no flight of it, or it is armed.
+        """
+        return await self._gcs.request("POST", f"/vehicles/{quote(vehicle, safe='')}/logs/after_landing")
+
     async def overview(self, flight: str) -> dict[str, Any]:
         """What a log has: `topics`, `vehicles` with their modes, `parameters`, `messages`. The first call
         reads the log, which may take seconds: create the client with a larger `timeout_s` for large logs."""

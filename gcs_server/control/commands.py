@@ -279,10 +279,18 @@ ALL: tuple[Command, ...] = (
     Command(
         "logs/download",
         "configure",
-        ("POST /vehicles/{v}/logs/{number}/download",),
+        ("POST /vehicles/{v}/logs/{number}/download", "POST /vehicles/{v}/logs/after_landing"),
         "not_anothers",
         "the vehicle",
     ),
+    Command(
+        "logs/decline",
+        "configure",
+        ("DELETE /vehicles/{v}/logs/after_landing",),
+        "not_anothers",
+        "the vehicle",
+    ),
+    Command("logs/after_landing", "configure", ("POST /logs_after_landing",)),
     Command("logs/stream", "configure", ("POST /vehicles/{v}/logs/stream",), "lease", "the vehicle"),
     Command("logs/stop_stream", "configure", ("DELETE /vehicles/{v}/logs/stream",), "lease", "the vehicle"),
     Command(
@@ -400,6 +408,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/modes",
         "GET /vehicles/{v}/model",
         "GET /vehicles/{v}/ros2/topics",
+        "GET /logs_after_landing",
         "GET /vehicles/{v}/logs",
         "GET /vehicles/{v}/logs/{file}",
         "GET /vehicles/{v}/files/{file}",

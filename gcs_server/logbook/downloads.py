@@ -1,21 +1,29 @@
 """Downloads of vehicles' logs to the server, one after another, because vehicles may share a link. A download
-waits for a lost vehicle, and continues; what has arrived stays when it ends early."""
+waits for a lost vehicle and for one that flies, and continues; what has arrived stays when it ends early."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 
 from gcs_server.clock import Clock
-from gcs_server.errors import InvalidRequest, LogUnusable
+from gcs_server.errors import InvalidRequest, LogUnusable, Refused
 from gcs_server.logbook.logbook import Logbook
 from gcs_server.logbook.partial_logs import PartialLogs
 from gcs_server.logbook.transfers import Transfers
 from gcs_server.operations.operations import ReportProgress
 from gcs_server.vehicle.services.logs import MAX_BYTES, FlightLog, LogService
 from gcs_server.vehicle.vehicle import Vehicle
+
+Choose = Callable[[], Awaitable[FlightLog]]
+CLOSES_S, MAX_CLOSING = 4.0, 6
+"""A log is closed when two lists, so long apart, are the same [s]; one that still grows is then downloaded as
+far as it was."""
+NEAR_S = 60.0
+"""The log of a flight ends so near to it [s]; if none does, the vehicle's clock is wrong, or it has none."""
 
 
 class LogDownloads:
@@ -28,7 +36,7 @@ class LogDownloads:
     """
 
     def __init__(self, clock: Clock, logbook: Logbook, vehicle: Callable[[str], Vehicle]) -> None:
-        self._logbook, self._vehicle = logbook, vehicle
+        self._clock, self._logbook, self._vehicle = clock, logbook, vehicle
         self._partial = PartialLogs(logbook.library.logs, clock)
         self.transfers = Transfers(clock, vehicle)
 
@@ -50,16 +58,40 @@ class LogDownloads:
 
         Raises:
             InvalidRequest: the vehicle has no such log, or it is too large.
-            Refused: the vehicle is or was armed, its links carry no files, or the disk is full.
+            Refused: its links carry no files, or the disk is full.
             Disconnected, NoReply: the vehicle did not come back.
             LogUnusable: what arrived differs from the vehicle's checksum.
             UnknownVehicle: the vehicle was removed.
         """
+        return await self._run(vehicle_id, partial(self._numbered, vehicle_id, number), report)
+
+    async def run_landed(
+        self, vehicle_id: str, ended_unix_s: float, report: ReportProgress
+    ) -> dict[str, object]:
+        """Downloads the log of a flight, and reads it; the result of the operation.
+
+        Args:
+            vehicle_id: the vehicle.
+            ended_unix_s: end of the flight [s since 1970 UTC].
+            report: reports progress.
+
+        Raises:
+            Refused: the vehicle has no such log, its links carry no files, or the disk is full.
+            InvalidRequest, Disconnected, NoReply, LogUnusable, UnknownVehicle: see `run`.
+        """
+
+        async def choose() -> FlightLog:
+            report("Waits until the vehicle has closed its log.", None)
+            return await self._of_flight(vehicle_id, ended_unix_s)
+
+        return await self._run(vehicle_id, choose, report)
+
+    async def _run(self, vehicle_id: str, choose: Choose, report: ReportProgress) -> dict[str, object]:
         log: FlightLog | None = None
 
         async def attempt() -> dict[str, object]:
             nonlocal log
-            log = await self._find(vehicle_id, number, log)
+            log = await choose() if log is None else await self._again(vehicle_id, log)
             return await self._download(vehicle_id, log, report)
 
         def arrived() -> int:
@@ -67,15 +99,45 @@ class LogDownloads:
 
         return await self.transfers.until_done(vehicle_id, attempt, arrived, report)
 
-    async def _find(self, vehicle_id: str, number: int, known: FlightLog | None) -> FlightLog:
-        """The log, by its number at first, then also if its number has changed."""
-        logs = await self._vehicle(vehicle_id).service(LogService).list()
-        for log in logs:
-            if known is None and log.number == number:
-                return log
-            if known is not None and _key(vehicle_id, log) == _key(vehicle_id, known):
+    async def _numbered(self, vehicle_id: str, number: int) -> FlightLog:
+        for log in await self._vehicle(vehicle_id).service(LogService).list():
+            if log.number == number:
                 return log
         raise InvalidRequest("number", f"Vehicle {vehicle_id} has no log {number}.", remedy="List its logs.")
+
+    async def _again(self, vehicle_id: str, known: FlightLog) -> FlightLog:
+        """A log that was listed before; its number may have changed."""
+        for log in await self._vehicle(vehicle_id).service(LogService).list():
+            if _key(vehicle_id, log) == _key(vehicle_id, known):
+                return log
+        raise InvalidRequest(
+            "number",
+            f"Vehicle {vehicle_id} no longer has this log, or it has grown.",
+            remedy="List its logs.",
+        )
+
+    async def _of_flight(self, vehicle_id: str, ended_unix_s: float) -> FlightLog:
+        service = self._vehicle(vehicle_id).service(LogService)
+        logs = await service.list()
+        for _ in range(MAX_CLOSING):
+            await self._clock.sleep(CLOSES_S)
+            before, logs = logs, await service.list()
+            if logs == before:
+                break
+        if not logs:
+            raise Refused(
+                f"Vehicle {vehicle_id} has no log.",
+                remedy="It logs flights on its memory card, unless SDLOG_MODE is -1.",
+            )
+        away_s = {log: abs(log.ended_unix_s - ended_unix_s) for log in logs if log.ended_unix_s is not None}
+        nearest = min(away_s, key=lambda log: away_s[log], default=logs[-1])
+        log = nearest if away_s.get(nearest, NEAR_S) < NEAR_S else logs[-1]
+        if await asyncio.to_thread(self.path_of, vehicle_id, log) is not None:
+            raise Refused(
+                f"The newest log of vehicle {vehicle_id} is already on the server.",
+                remedy="If it is not of this flight, the vehicle did not log it: see SDLOG_MODE.",
+            )
+        return log
 
     async def _download(self, vehicle_id: str, log: FlightLog, report: ReportProgress) -> dict[str, object]:
         service = self._vehicle(vehicle_id).service(LogService)
@@ -88,7 +150,10 @@ class LogDownloads:
         key = _key(vehicle_id, log)
         partial = await asyncio.to_thread(self._partial.open, key, log.size_bytes)
         download = await self.transfers.receive(
-            partial, report, lambda progress: service.download(log, path, partial.file, progress)
+            vehicle_id,
+            partial,
+            report,
+            lambda progress: service.download(log, path, partial.file, progress),
         )
         verified = False
         if path is not None:

@@ -62,8 +62,7 @@ class FileDownloads:
 
         Raises:
             InvalidRequest: not a path, no such file, or it is too large.
-            Refused: the vehicle is or was armed, its links carry no files, it is a device, or the disk is
-                full.
+            Refused: its links carry no files, it is a device, or the disk is full.
             FtpFailed: the vehicle refused, or the file changed meanwhile.
             Disconnected, NoReply: the vehicle did not come back.
             LogUnusable: what arrived differs from the vehicle's checksum.
@@ -115,7 +114,7 @@ class FileDownloads:
             files.require_disarmed()
             await vehicle.ftp.read_parts(path, same_file, report_disarmed)
 
-        await self._transfers.receive(partial, report, read)
+        await self._transfers.receive(vehicle_id, partial, report, read)
         report("Received. The vehicle computes its checksum.", 1.0)
         verified = await self._transfers.verified(vehicle_id, path, partial)
         file, name = _id(vehicle_id, path), _safe(path)

@@ -1,5 +1,6 @@
-"""What downloads of logs and of other files share: one at a time, because vehicles may share a link; saved
-while they arrive; continued after a lost link; compared with the vehicle's checksum."""
+"""What downloads of logs and of other files share: one at a time, because vehicles may share a link; paused
+while the vehicle is armed or takes a plan; saved while they arrive; continued after a lost link; compared
+with the vehicle's checksum."""
 
 from __future__ import annotations
 
@@ -24,6 +25,10 @@ LOST_S = 600.0
 RETRY_S = 2.0
 CHECK_BYTES_S = 500_000
 """A vehicle's checksum of a log is awaited as long as reading it takes at this rate."""
+
+
+class _Paused(Exception):
+    """The link is needed for something else; the download continues afterwards."""
 
 
 class Transfers:
@@ -61,11 +66,14 @@ class Transfers:
         """
         progress_s, received = self._clock.monotonic_s(), 0
         while True:
+            if await self._wait_until_free(vehicle_id, report):
+                progress_s = self._clock.monotonic_s()
             if self._turn.locked():
                 report("Waits for another download.", None)
             async with self._turn:
                 try:
-                    return await attempt()
+                    if self._in_the_way(vehicle_id) is None:
+                        return await attempt()
                 except (Disconnected, NoReply) as error:
                     now_s = self._clock.monotonic_s()
                     if (size := await asyncio.to_thread(arrived)) > received:
@@ -73,12 +81,38 @@ class Transfers:
                     if now_s - progress_s > LOST_S:
                         raise
                     report(f"Waits for the vehicle to continue. {error}", None)
+                except (_Paused, Refused):
+                    if self._in_the_way(vehicle_id) is None:
+                        raise
+                    continue
             await self._clock.sleep(RETRY_S)
             while self._vehicle(vehicle_id).link_lost and self._clock.monotonic_s() - progress_s <= LOST_S:
                 await self._clock.sleep(RETRY_S)
 
+    def _in_the_way(self, vehicle_id: str) -> str | None:
+        """Why a vehicle's link is not for a download now; None: it is. A flight comes first."""
+        vehicle = self._vehicle(vehicle_id)
+        if vehicle.flight_state.armed:
+            return (
+                f"Paused while vehicle {vehicle_id} is armed, because a download takes its link's whole "
+                "capacity; continues when it is disarmed."
+            )
+        if vehicle.mission.running_transfer is not None:
+            return f"Paused while a plan is transferred to or from vehicle {vehicle_id}."
+        return None
+
+    async def _wait_until_free(self, vehicle_id: str, report: ReportProgress) -> bool:
+        """Waits until nothing is in the way; returns whether it has waited."""
+        has_waited = False
+        while (reason := self._in_the_way(vehicle_id)) is not None:
+            has_waited = True
+            report(reason, None)
+            await self._clock.sleep(RETRY_S)
+        return has_waited
+
     async def receive(
         self,
+        vehicle_id: str,
         partial: PartialLog,
         report: ReportProgress,
         read: Callable[[Callable[[int, int], None]], Awaitable[T]],
@@ -86,6 +120,7 @@ class Transfers:
         """Reads what is missing, and saves it while it arrives.
 
         Args:
+            vehicle_id: the vehicle.
             partial: gets it.
             report: reports size and rate.
             read: reads; called with a function for its progress.
@@ -100,6 +135,8 @@ class Transfers:
 
         def progress(received: int, size: int) -> None:
             nonlocal saving, saved_s
+            if self._in_the_way(vehicle_id) is not None:
+                raise _Paused
             now_s = clock.monotonic_s()
             if saving.done():
                 saving.result()

@@ -83,6 +83,11 @@ class DataFolder:
         return self.path / "logs"
 
     @property
+    def after_landing(self) -> Path:
+        """Folder with what happens with logs after a landing."""
+        return self.path / "after_landing"
+
+    @property
     def vehicle_files(self) -> Path:
         """Folder of other files that were downloaded from vehicles; the newest are kept."""
         return self.path / "vehicle_files"

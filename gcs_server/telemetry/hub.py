@@ -53,6 +53,7 @@ OFFBOARD_PERIOD_S = 0.1
 IDENTITY_PERIOD_S = 1.0
 CONTROL_PERIOD_S = 0.5
 ROS2_TOPICS_PERIOD_S = 0.5
+LANDED_LOG_PERIOD_S = 0.5
 SHELL_PERIOD_S = 0.1
 MAVLINK_PERIOD_S = 0.5
 PERIODS_S = {
@@ -64,6 +65,7 @@ PERIODS_S = {
     "reach": CONTROL_PERIOD_S,
     "control": CONTROL_PERIOD_S,
     "manual_control": OFFBOARD_PERIOD_S,
+    "landed_log": LANDED_LOG_PERIOD_S,
     "ros2_topics": ROS2_TOPICS_PERIOD_S,
     "shell": SHELL_PERIOD_S,
     "mavlink_messages": MAVLINK_PERIOD_S,
@@ -99,6 +101,8 @@ class EncodedSamples:
         """Returns the open replays; the replay service sets this function."""
         self.inspect: Callable[[Vehicle], object | None] = lambda _vehicle: None
         """Returns the ROS 2 topics of a vehicle; the inspector sets this function."""
+        self.landed_log: Callable[[Vehicle], object | None] = lambda _vehicle: None
+        """Returns what happens with the log of a vehicle's newest flight."""
 
     def replays_text(self) -> str | None:
         """A frame with the open replays; None: no replay is open."""
@@ -177,6 +181,8 @@ class EncodedSamples:
         """The current value of a topic of the server; None if the vehicle does not have it."""
         if topic == "ros2_topics":
             return self.inspect(vehicle)
+        if topic == "landed_log":
+            return self.landed_log(vehicle)
         if topic == "mavlink_messages":
             return vehicle.service(MessageInspector).received()
         if topic == "shell":
@@ -347,6 +353,10 @@ class Hub:
     def set_ros2_topics_source(self, inspect: Callable[[Vehicle], object | None]) -> None:
         """Sets the function that returns the ROS 2 topics of a vehicle, or None if it has no ROS 2 link."""
         self._samples.inspect = inspect
+
+    def set_landed_logs_source(self, landed_log: Callable[[Vehicle], object | None]) -> None:
+        """Sets the function that returns what happens with the log of a vehicle's newest flight, or None."""
+        self._samples.landed_log = landed_log
 
     def publish(self, event: Event) -> None:
         """Passes an event on to all clients, encoded once."""

@@ -103,6 +103,7 @@ def new_station(testbed, progress=None):
         user_settings=UserSettings(Records(Path("no settings")), lambda values: values),
         logbook=logbook_in(testbed.clock, Path("no logs")),
         vehicle_files=Path("no files"),
+        after_landing_records=Records(Path("no records")),
     )
     return station
 

@@ -146,10 +146,14 @@ def test_nothing_is_read_or_changed_while_armed_and_a_write_ends_when_armed(
                 lambda: files.put("/a.txt", b"x", lambda *_: None),
                 lambda: files.remove("/a.txt"),
                 lambda: files.make_folder("/b"),
-                lambda: downloads.run("1", "/a.txt", lambda *_: None),
             ):
                 with pytest.raises(Refused, match="is armed"):
                     await refused()
+            texts = set()
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(10.0):
+                    await downloads.run("1", "/a.txt", lambda text, _: texts.add(text))
+            assert "Paused while vehicle 1 is armed" in "".join(texts)
             assert "a.txt" in [entry.name for entry in (await files.list("/")).entries]
         assert (disk / "a.txt").read_bytes() == CONTENT
         assert not (disk / "b").exists()

@@ -95,7 +95,7 @@ class LogService:
             NoReply: some entries did not arrive.
             Disconnected: the vehicle was lost.
         """
-        self._require_disarmed()
+        self.require_disarmed()
         async with self._lock:
             logs: dict[int, FlightLog] = {}
             count, silent = 0, 0
@@ -131,7 +131,7 @@ class LogService:
             try:
                 days = [entry.name for entry in await ftp.list(folder) if entry.bytes is None]
                 for day in sorted(days, reverse=True)[:MAX_DAYS]:
-                    self._require_disarmed()
+                    self.require_disarmed()
                     for entry in await ftp.list(f"{folder}/{day}"):
                         if entry.bytes == log.size_bytes and entry.name.endswith(".ulg"):
                             return f"{folder}/{day}/{entry.name}"
@@ -160,7 +160,7 @@ class LogService:
         if file.size - file.received < TRIAL_BYTES:
             done.rates_bytes_s = dict.fromkeys(ways, 0.0)
         while not file.complete:
-            self._require_disarmed()
+            self.require_disarmed()
             tried = [way for way in ways if way in done.rates_bytes_s]
             on_trial = len(ways) > 1 and len(tried) < len(ways)
             way = (
@@ -191,7 +191,7 @@ class LogService:
         began_s, before = clock.monotonic_s(), file.received
 
         def report(received: int, size: int) -> None:
-            self._require_disarmed()
+            self.require_disarmed()
             progress(received, size)
             if on_trial and clock.monotonic_s() - began_s >= TRIAL_S:
                 raise _TrialOver
@@ -222,7 +222,7 @@ class LogService:
             Disconnected: the vehicle was lost.
         """
         for _ in range(ATTEMPTS):
-            self._require_disarmed()
+            self.require_disarmed()
             async with self._lock:
                 self._send(d.MAVLink_log_erase_message)
             if not await self.list():
@@ -250,7 +250,7 @@ class LogService:
             while (part := file.missing_within(WINDOW_BYTES)) is not None:
                 if silent == ATTEMPTS:
                     raise self._no_reply(f"sent {file.received:,} of {file.size:,} bytes of log {log.number}")
-                self._require_disarmed()
+                self.require_disarmed()
                 start, end = part
                 self._send(d.MAVLink_log_request_data_message, log.number, start, end - start)
                 received, end_s = file.received, self._vehicle.clock.monotonic_s() + REQUEST_S
@@ -266,7 +266,8 @@ class LogService:
                         break
                 silent = 0 if file.received > received else silent + 1
 
-    def _require_disarmed(self) -> None:
+    def require_disarmed(self) -> None:
+        """Raises Refused if the vehicle is armed, or its links carry no files."""
         vehicle = self._vehicle
         vehicle.require("files")
         if vehicle.flight_state.armed:

@@ -157,6 +157,57 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/logs_after_landing": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Read Choice
+         * @description What happens with a vehicle's log after its flight, and the logs of the newest flights.
+         */
+        readonly get: operations["read_choice_api_v1_logs_after_landing_get"];
+        readonly put?: never;
+        /**
+         * Choose
+         * @description Sets what happens with vehicles' logs after their flights; open offers follow it.
+         */
+        readonly post: operations["choose_api_v1_logs_after_landing_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/vehicles/{v}/logs/after_landing": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Download Landed
+         * @description Downloads the log of the vehicle's newest flight, once the vehicle has closed it: an operation as that
+         *     of `POST …/logs/{number}/download`. Refused if this server has seen no flight since the last offer was
+         *     declined, or while the vehicle is armed.
+         */
+        readonly post: operations["download_landed_api_v1_vehicles__v__logs_after_landing_post"];
+        /**
+         * Decline
+         * @description Declines the offer to download the log of the vehicle's newest flight, for all pages. Cancels the
+         *     download if it runs; what has arrived stays.
+         */
+        readonly delete: operations["decline_api_v1_vehicles__v__logs_after_landing_delete"];
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/flights/{f}/beside": {
         readonly parameters: {
             readonly query?: never;
@@ -1162,8 +1213,8 @@ export interface paths {
          *     It waits while another file or log is downloaded, or up to ten minutes for a lost vehicle; the next one
          *     continues what an earlier one has received. Its result has the id `file` for `GET …/files/{file}`,
          *     `name`, `size_bytes` and `verified` (`crc32`: the vehicle's checksum is equal; `size`: it gave none).
-         *     The server keeps the newest hundred files, at most 1 GB. Refused while the vehicle is armed; ends when it
-         *     is armed.
+         *     The server keeps the newest hundred files, at most 1 GB. Refused while the vehicle is armed; pauses while
+         *     it is armed later, or takes a plan.
          */
         readonly post: operations["get_file_api_v1_vehicles__v__files_get_post"];
         readonly delete?: never;
@@ -1820,8 +1871,8 @@ export interface paths {
          *     It reads by FTP or LOG_DATA, whichever is faster; waits while another log is downloaded, or up to ten
          *     minutes for a lost vehicle; and continues what an earlier one has received. Its result has the `file` for
          *     `GET …/logs/{file}`, the id `flight` for `GET /flights/{f}`, `verified` (`crc32`: the vehicle's checksum
-         *     is equal; `size`: it gave none), and what arrived in each way. Refused while the vehicle is armed; ends
-         *     when it is armed.
+         *     is equal; `size`: it gave none), and what arrived in each way. Refused while the vehicle is armed; pauses
+         *     while it is armed later, or takes a plan.
          */
         readonly post: operations["download_api_v1_vehicles__v__logs__number__download_post"];
         readonly delete?: never;
@@ -3801,6 +3852,38 @@ export interface components {
              * @description Each -1 to 1; null is disarmed.
              */
             readonly servos?: readonly (number | null)[];
+        };
+        /**
+         * AfterLandingChoice
+         * @description What happens with a vehicle's log after its flight.
+         */
+        readonly AfterLandingChoice: {
+            /**
+             * Choice
+             * @description `never`: nothing; `offer`: the page offers to download it; `download`: the server downloads it by
+             *     itself, also without a page.
+             * @enum {string}
+             */
+            readonly choice: "never" | "offer" | "download";
+        };
+        /**
+         * AfterLandingView
+         * @description What happens with vehicles' logs after their flights.
+         */
+        readonly AfterLandingView: {
+            /**
+             * Choice
+             * @description What happens: `never`, `offer` or `download`.
+             * @enum {string}
+             */
+            readonly choice: "never" | "offer" | "download";
+            /**
+             * Landed
+             * @description By vehicle id: the log of its newest flight, as `landed_log` in the telemetry.
+             */
+            readonly landed: {
+                readonly [key: string]: components["schemas"]["LandedLogView"];
+            };
         };
         /**
          * Altitude
@@ -9912,6 +9995,39 @@ export interface components {
              * @enum {string}
              */
             readonly kind: "land_start";
+        };
+        /**
+         * LandedLogView
+         * @description What happens with the log of a vehicle's newest flight.
+         */
+        readonly LandedLogView: {
+            /**
+             * State
+             * @description `none`: there is no offer; `offered`; `waiting`: it will be downloaded in turn; `running`: it is being
+             *     downloaded, or its download is paused; `succeeded`, `failed`.
+             * @enum {string}
+             */
+            readonly state: "none" | "offered" | "waiting" | "running" | "succeeded" | "failed";
+            /**
+             * Ended Unix S
+             * @description End of the flight [s since 1970 UTC]; null: there is none.
+             */
+            readonly ended_unix_s: number | null;
+            /**
+             * Text
+             * @description How the download goes, or ended.
+             */
+            readonly text: string;
+            /**
+             * Progress
+             * @description Progress, 0 to 1; null: not known.
+             */
+            readonly progress: number | null;
+            /**
+             * Flight
+             * @description Id of the downloaded log, for `GET /flights/{f}`; null: it is not on the server.
+             */
+            readonly flight: string | null;
         };
         /**
          * LegacyRoi
@@ -20166,6 +20282,240 @@ export interface operations {
                 content: {
                     readonly "application/json": components["schemas"]["OffboardFailsafe"];
                 };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly read_choice_api_v1_logs_after_landing_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["AfterLandingView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly choose_api_v1_logs_after_landing_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["AfterLandingChoice"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["AfterLandingView"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly download_landed_api_v1_vehicles__v__logs_after_landing_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 202: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Operation"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly decline_api_v1_vehicles__v__logs_after_landing_delete: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 204: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content?: never;
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];

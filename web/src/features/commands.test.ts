@@ -52,7 +52,7 @@ const { modeMenu } = await import('./modes/controllers');
 const { modeGroups } = await import('./modes/mode-texts');
 const { holdByStick } = await import('./sticks/controllers');
 const { replay } = await import('./replay/controllers');
-const { library: flights, vehicleLogs } = await import('./flights/controllers');
+const { library: flights, vehicleLogs, afterLanding } = await import('./flights/controllers');
 const { linkList } = await import('./status/controllers');
 
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
@@ -203,6 +203,9 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'erase the logs': { click: (facts) => vehicleLogs.erase(page.api, facts.id) },
   'stream the log': { click: (facts) => vehicleLogs.stream(page.api, facts.id) },
   'stop the log stream': { click: (facts) => vehicleLogs.stopStream(page.api, facts.id) },
+  'download the log of a flight': { click: (facts) => afterLanding.download([facts.id]) },
+  'decline the log of a flight': { click: (facts) => afterLanding.decline(facts.id) },
+  'choose what happens after landings': { click: () => afterLanding.choose('download') },
   'download a log': { click: (facts) => vehicleLogs.download(page.api, facts.id, 0) },
   'hold all flying': { click: (facts) => vehicleList.hold(page.api, [facts]) },
   ...Object.fromEntries(

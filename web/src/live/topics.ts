@@ -69,10 +69,11 @@ export const PAGE_TOPICS: readonly string[] = [
   'identity',
   'components',
   'reach',
+  'landed_log',
 ];
 
 /** Topics of every vehicle in a large fleet, for list and map. */
-export const FLEET_TOPICS: readonly string[] = ['status', 'attitude', 'global_position', 'battery', 'home', 'health', 'identity'];
+export const FLEET_TOPICS: readonly string[] = ['status', 'attitude', 'global_position', 'battery', 'home', 'health', 'identity', 'landed_log'];
 
 /** Assumed periods [s], used until the page has measured the period of a vehicle's topic. */
 export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {

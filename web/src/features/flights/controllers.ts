@@ -5,6 +5,7 @@ import { page } from '../../app/page.svelte';
 import { rooms } from '../../app/registry.svelte';
 import { LiveView, stateOf, type State } from '../../plots/live-view.svelte';
 import { commandGate } from '../../app/vehicle-actions.svelte';
+import { AfterLanding } from './after-landing.svelte';
 import { FlightLibrary, titleOf, type Row } from './library.svelte';
 import { Identification } from './identification.svelte';
 import { LogView } from './log-view.svelte';
@@ -31,6 +32,7 @@ export const values = new Values(page.api, view, (url) => {
 export const paramCompare = new ParamCompare(page.api);
 export const paramChanges = new ParamChanges(page.api, commandGate);
 export const vehicleLogs = new VehicleLogs(commandGate);
+export const afterLanding = new AfterLanding(page.api, commandGate);
 
 /** Shows what arrives of a vehicle. @param panes their fields, as of a telemetry log. */
 export function openLive(vehicle: string, name: string, panes?: readonly (readonly string[])[]): void {

@@ -1,6 +1,7 @@
 import { innerHeight } from 'svelte/reactivity/window';
 import { docks, registry, rooms } from '../../app/registry.svelte';
 import { provide } from '../../app/services';
+import { landedVehicles } from './landed';
 import { plotsShown } from './plots-shown.svelte';
 
 const ROOM = 'flights';
@@ -17,6 +18,11 @@ registry.addRoom({
   foldsInstruments: true,
   layout: (width_px) => ({ left_px: docks(width_px).left_px, bottom_px: plotsShown.isOpen ? Math.round((innerHeight.current ?? 800) * PLOTS) : 0, top_px: 0 }),
   load: async () => (await import('./parts')).parts,
+});
+registry.addTo('notices', {
+  order: 25,
+  load: async () => ({ component: (await import('./LandedNotice.svelte')).default }),
+  applies: () => landedVehicles().length > 0,
 });
 registry.addKeys([
   {
