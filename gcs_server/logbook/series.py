@@ -21,17 +21,27 @@ def thinned(values: Values, points: int) -> NDArray[np.int64]:
     count = len(values)
     if count <= points:
         return np.arange(count)
-    runs = max(1, points // 2 - 1)
-    length = -(-count // runs)
-    padded = np.full(runs * length, np.nan)
-    padded[:count] = values
-    rows = padded.reshape(runs, length)
-    missing = np.isnan(rows)
-    first = np.arange(runs) * length
-    lowest = np.argmin(np.where(missing, np.inf, rows), axis=1) + first
-    highest = np.argmax(np.where(missing, -np.inf, rows), axis=1) + first
-    indices = np.unique(np.concatenate(([0, count - 1], lowest, highest)))
-    return indices[indices < count]
+    length = -(-count // max(1, points // 2 - 1))
+    whole = count - count % length
+    rows = [values[:whole].reshape(-1, length), values[whole:].reshape(1, -1)]
+    firsts = [np.arange(0, whole, length), np.array([whole])]
+    found = [
+        first + index for row, first in zip(rows, firsts, strict=True) if row.size for index in _extremes(row)
+    ]
+    return np.unique(np.concatenate(([0, count - 1], *found)))
+
+
+def _extremes(rows: Values) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Index of the lowest and of the highest value of each row, (R, n). Only rows with a value that is not a
+    number are copied."""
+    lowest, highest = np.argmin(rows, axis=1), np.argmax(rows, axis=1)
+    (damaged,) = np.nonzero(np.isnan(rows[np.arange(len(rows)), lowest]))
+    if len(damaged):
+        some = rows[damaged]
+        missing = np.isnan(some)
+        lowest[damaged] = np.argmin(np.where(missing, np.inf, some), axis=1)
+        highest[damaged] = np.argmax(np.where(missing, -np.inf, some), axis=1)
+    return lowest, highest
 
 
 def window(times_s: Times, from_s: float | None, to_s: float | None) -> slice:

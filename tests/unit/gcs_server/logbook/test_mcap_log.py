@@ -216,17 +216,29 @@ def test_only_so_many_values_are_kept(tmp_path, monkeypatch):
     assert "Only the first" in log.problems[0]
 
 
-def test_of_damaged_files_each_is_read_in_part_or_refused(tmp_path):
-    (tmp_path / "a.ulg").write_bytes(ulog(steps=30))
-    tasks.read(str(tmp_path / "a.ulg"), str(tmp_path / "columns"))
+def require_read_or_refused(folder, seeds):
+    """Number of damaged files that are read in part; all others are refused in words."""
+    (folder / "a.ulg").write_bytes(ulog(steps=30))
+    tasks.read(str(folder / "a.ulg"), str(folder / "columns"))
     pieces = []
-    tasks.export(str(tmp_path / "columns"), "a", {"format": "mcap"})(pieces.append)
+    tasks.export(str(folder / "columns"), "a", {"format": "mcap"})(pieces.append)
     plain = flight(recording=Recording(CompressionType.NONE), seconds=2).content()
     sources = (plain, flight(seconds=2).content(), b"".join(pieces))
     read_count = 0
-    for seed in range(150):
+    for seed in seeds:
         with contextlib.suppress(UnreadableLog):
-            log = read(tmp_path, mutated(sources[seed % 3], seed))
+            log = read(folder, mutated(sources[seed % 3], seed))
             json.loads(overview.encode(log))
             read_count += 1
-    assert read_count > 10  # damage in a chunk costs the chunk, and these files have few
+    return read_count
+
+
+def test_of_damaged_files_each_is_read_in_part_or_refused(tmp_path):
+    assert (
+        require_read_or_refused(tmp_path, range(150)) > 10
+    )  # damage costs a chunk, and these files have few
+
+
+@pytest.mark.broad
+def test_of_many_damaged_files_each_is_read_in_part_or_refused(tmp_path):
+    assert require_read_or_refused(tmp_path, range(1000, 6000)) > 300
