@@ -16,6 +16,7 @@ import pytest
 from gcs_server.client import SyncGcs, Unreachable
 from tests.e2e.fast_station import FAST_OPTIONS, take_off_to_hold
 from tests.station import (
+    FIRST_TEST_INSTANCE,
     end_process,
     free_port,
     is_up,
@@ -41,6 +42,7 @@ with SyncGcs(sys.argv[1], client="victim") as gcs:
 
 RETURN_SLOWLY = ["--param", "RTL_LAND_DELAY=20"]
 """So that the vehicle still returns when the next server is ready, also on a busy machine."""
+LOG_BYTES = 3_000_000
 START_REQUEST = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -25]}, "valid_for_s": 60}
 
 
@@ -135,3 +137,39 @@ def stream_process_pid(server_pid: int) -> int:
     children = [child for task in tasks for child in (task / "children").read_text().split()]
     commands = {int(child): Path(f"/proc/{child}/cmdline").read_text() for child in children}
     return next(child for child, line in commands.items() if "gcs_server.streamer.process.worker" in line)
+
+
+def test_a_download_of_a_log_continues_after_the_server_was_killed(tmp_path: Path) -> None:
+    port, http_port = free_port(), free_port(socket.SOCK_STREAM)
+    url = f"http://127.0.0.1:{http_port}"
+    command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path / "server")
+    content = os.urandom(LOG_BYTES)
+    folder = tmp_path / f"vehicle/files-{FIRST_TEST_INSTANCE}/log/2026-01-01"
+    folder.mkdir(parents=True)
+    (folder / "10_00_00.ulg").write_bytes(content)
+    arguments = ["--no-log", "--data-dir", str(tmp_path / "vehicle")]
+    with running_vehicles(port, arguments=arguments):
+        with running_process(command) as first_server:
+            wait_until(lambda: is_up(url), "the first server")
+            with SyncGcs(url, client="e2e") as gcs:
+                drone = gcs.wait_for_vehicle("101", timeout_s=60)
+                (log,) = drone.request("GET", "/logs")["logs"]
+                operation = drone.request("POST", f"/logs/{log['number']}/download")["id"]
+                wait_until(lambda: (progress_of(gcs, operation) or 0) > 0.3, "a part of the log")
+                end_process(first_server, signal.SIGKILL)
+        with running_process(command):
+            wait_until(lambda: is_up(url), "the second server")
+            with SyncGcs(url, client="e2e") as gcs:
+                drone = gcs.wait_for_vehicle("101", timeout_s=60)
+                (log,) = drone.request("GET", "/logs")["logs"]
+                assert 0 < log["received_bytes"] < LOG_BYTES
+                operation = drone.request("POST", f"/logs/{log['number']}/download")["id"]
+                result = gcs.operations().wait(operation, timeout_s=60)["result"]
+                assert sum(result["received_bytes"].values()) == LOG_BYTES - log["received_bytes"]
+                assert result["verified"] == "crc32"
+        assert (tmp_path / "server/logs" / result["file"]).read_bytes() == content
+
+
+def progress_of(gcs: SyncGcs, operation: str) -> float | None:
+    """Progress of an operation, 0 to 1."""
+    return gcs.request("GET", f"/operations/{operation}")["progress"]
