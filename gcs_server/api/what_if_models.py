@@ -9,6 +9,7 @@ from pydantic import Field
 from gcs_server.api.strict_body import ResponseBody, StrictBody, example
 
 Component = Annotated[float, Field(ge=-50, le=50)]
+Metres = Annotated[float, Field(ge=-200, le=200)]
 Health = Annotated[float, Field(ge=0, le=1)]
 ParameterName = Annotated[str, Field(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")]
 ParameterNumber = Annotated[float, Field(ge=-1e9, le=1e9)]
@@ -32,6 +33,9 @@ class RerunRequest(StrictBody):
     """Other steady wind [m/s], the direction it blows to; null: the one found in the log."""
     motor_health: Annotated[list[Health], Field(min_length=4, max_length=4)] | None = None
     """Factor on the thrust of motors 1 to 4; 0: the motor stops; null: all work."""
+    moved_ned_m: Annotated[list[Metres], Field(min_length=3, max_length=3)] | None = None
+    """What is added to the position setpoints: a waypoint, or a target of setpoints, that is moved [m]; null:
+    they are as logged."""
 
 
 class RerunTrack(ResponseBody):

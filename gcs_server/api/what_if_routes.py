@@ -15,8 +15,9 @@ router = Routes(prefix="/flights", tags=["flights"], responses=RESPONSES)
 @router.post("/{f}/rerun", response_model=m.RerunResult)
 async def rerun_flight(f: str, body: m.RerunRequest, station: StationDep) -> Response:
     """Flies a part of a quadrotor's ULog again, from its logged state with its logged setpoints: once as it
-    was, which says how much to trust it, and once with other parameters, wind or a failed motor. What makes
+    was, which says how much to trust it, and once with other parameters, wind, moved setpoints or a failed
+    motor. What makes
     the setpoints (modes, missions, failsafes) is not flown again."""
-    change = body.model_dump(include={"parameters", "wind_ned_m_s", "motor_health"})
+    change = body.model_dump(include={"parameters", "wind_ned_m_s", "motor_health", "moved_ned_m"})
     result = await station.logbook.rerun(f, body.from_s, body.from_s + body.duration_s, change)
     return Response(result, media_type="application/json")

@@ -34,6 +34,7 @@ REMEDIES = {
     "other": "Take another flight.",
     "align": "Bring their times together by the best fit, or by an offset.",
     "offset_s": "Take another offset, or the best fit.",
+    "moved_ned_m": "Take a part in which positions are flown, or move nothing.",
     "parameters": "Change another parameter, or give it another value.",
 }
 """What to do, by the field of the request that was wrong."""

@@ -30,6 +30,7 @@ Values = NDArray[np.float64]
 
 AS_IT_WAS, CHANGED = 0, 1
 ALL_WORK = (1.0, 1.0, 1.0, 1.0)
+NOT_MOVED = (0.0, 0.0, 0.0)
 SETTLE_S = 0.4
 """Time constant with which an integral takes up the difference of the logged and the simulated output."""
 
@@ -43,6 +44,8 @@ class Change:
     """Steady wind instead of the one found in the log."""
     motor_health: tuple[float, float, float, float] = ALL_WORK
     """Factor on each motor's thrust; 0: the motor stops."""
+    moved_ned_m: tuple[float, float, float] = NOT_MOVED
+    """What is added to the position setpoints."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +103,7 @@ class Rerun:
         self._estimate = blank_estimate(2)
         self._setpoints = Setpoints.idle(2)
         self._wind = (wind_ned_m_s, change.wind_ned_m_s or wind_ned_m_s)
+        self._moved_ned_m = np.array([NOT_MOVED, change.moved_ned_m])
         self._health = np.array([(1.0,) * 4, change.motor_health])
         own = RecordedParameters(parameters)
         self._configure(AS_IT_WAS, own)
@@ -137,6 +141,13 @@ class Rerun:
         self._configure(CHANGED, self._stores[CHANGED])
         self._begin(start)
         count = flight.landing_after(start) - start
+        followed = flight.target_position_ned_m[start : start + count]
+        for axis, moved_m in enumerate(self._moved_ned_m[CHANGED]):
+            if moved_m != 0.0 and not np.isfinite(followed[:, axis]).any():
+                raise NotFlyable(
+                    "In this part no position setpoint is followed on this axis: there is nothing to move.",
+                    field="moved_ned_m",
+                )
         tracks = tuple(
             Track(np.empty((count, 3)), np.empty((count, 3)), np.empty((count, 4))) for _ in range(2)
         )
@@ -147,7 +158,7 @@ class Rerun:
                 track.velocity_ned_m_s[n] = state.velocity_ned_m_s[row]
                 track.q_ned_frd[n] = state.q_ned_frd[row]
             self._estimate_is_true()
-            self._control(start + n)
+            self._control(start + n, self._moved_ned_m)
             self._bodies.step(self._cascade.motor_signal, self._health)
         return tracks[0], tracks[1]
 
@@ -191,13 +202,13 @@ class Rerun:
             state.rates_frd_rad_s, estimate.rates_frd_rad_s, estimate.angular_acceleration_frd_rad_s2
         )
 
-    def _control(self, n: int) -> None:
+    def _control(self, n: int, moved_ned_m: Values | float = 0.0) -> None:
         flight, setpoints = self._flight, self._setpoints
         setpoints.level[:] = flight.level[n]
         setpoints.armed[:] = flight.level[n] != ControlLevel.DISARMED
         setpoints.landed[:] = flight.landed[n]
         setpoints.in_air[:] = not flight.landed[n]
-        setpoints.position_ned_m[:] = flight.target_position_ned_m[n]
+        setpoints.position_ned_m[:] = flight.target_position_ned_m[n] + moved_ned_m
         setpoints.velocity_ned_m_s[:] = flight.target_velocity_ned_m_s[n]
         setpoints.acceleration_ned_m_s2[:] = flight.target_acceleration_ned_m_s2[n]
         setpoints.yaw_ned_rad[:] = flight.target_yaw_ned_rad[n]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from missions.what_if.flight import LoggedFlight, NotFlyable
 from missions.what_if.identified import Identified
 from missions.what_if.model import BODY, Model, body_parameters, identify
-from missions.what_if.rerun import ALL_WORK, Change, Rerun, Track
+from missions.what_if.rerun import ALL_WORK, NOT_MOVED, Change, Rerun, Track
 from vehicle_sim.frames import euler_of
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import STEP_S
@@ -112,10 +112,13 @@ def _finite(value: Any) -> Any:
 
 
 def change_from(request: Mapping[str, Any]) -> Change:
-    """The change of a request: `parameters`, `wind_ned_m_s` (or null), `motor_health` (or null)."""
+    """The change of a request: `parameters`, `wind_ned_m_s` (or null), `motor_health` (or null), and
+    `moved_ned_m` (or null, or absent)."""
     wind, health = request["wind_ned_m_s"], request["motor_health"]
+    moved = request.get("moved_ned_m")
     return Change(
         parameters={name: float(value) for name, value in request["parameters"].items()},
         wind_ned_m_s=None if wind is None else (wind[0], wind[1], wind[2]),
+        moved_ned_m=NOT_MOVED if moved is None else (moved[0], moved[1], moved[2]),
         motor_health=ALL_WORK if health is None else (health[0], health[1], health[2], health[3]),
     )

@@ -3724,7 +3724,8 @@ export interface paths {
         /**
          * Rerun Flight
          * @description Flies a part of a quadrotor's ULog again, from its logged state with its logged setpoints: once as it
-         *     was, which says how much to trust it, and once with other parameters, wind or a failed motor. What makes
+         *     was, which says how much to trust it, and once with other parameters, wind, moved setpoints or a failed
+         *     motor. What makes
          *     the setpoints (modes, missions, failsafes) is not flown again.
          */
         readonly post: operations["rerun_flight_api_v1_flights__f__rerun_post"];
@@ -15547,6 +15548,12 @@ export interface components {
              * @description Factor on the thrust of motors 1 to 4; 0: the motor stops; null: all work.
              */
             readonly motor_health?: readonly number[] | null;
+            /**
+             * Moved Ned M
+             * @description What is added to the position setpoints: a waypoint, or a target of setpoints, that is moved [m]; null:
+             *     they are as logged.
+             */
+            readonly moved_ned_m?: readonly number[] | null;
         };
         /**
          * RerunResult

@@ -33,10 +33,11 @@ def flight(tmp_path_factory):
     return fly(tmp_path_factory.mktemp("flight"))
 
 
-def rerun(flight, *, duration_s=7.0, before_s=0.5, parameters=None, wind=None, health=None):
+def rerun(flight, *, duration_s=7.0, before_s=0.5, parameters=None, wind=None, health=None, moved=None):
     folder, step_s = flight
     from_s = step_s - before_s
     change = {"parameters": parameters or {}, "wind_ned_m_s": wind, "motor_health": health}
+    change["moved_ned_m"] = moved
     return json.loads(tasks.rerun(str(folder), from_s, from_s + duration_s, change))
 
 
@@ -89,6 +90,12 @@ def test_a_stopped_motor_brings_the_vehicle_down_to_the_lowest_known_height(flig
     lowest = np.array(result["logged"]["position_ned_m"])[:, 2].max()
     assert down.max() == pytest.approx(lowest, abs=1.0)
     assert np.array(result["changed"]["velocity_ned_m_s"])[-1] == pytest.approx([0, 0, 0])
+
+
+def test_a_moved_target_is_flown_to_instead(flight):
+    result = rerun(flight, moved=[0.0, 3.0, -1.0])
+    unchanged, changed = (np.array(result[each]["position_ned_m"])[-1] for each in ("unchanged", "changed"))
+    assert changed - unchanged == pytest.approx([0.0, 3.0, -1.0], abs=0.3)
 
 
 def test_other_wind_pushes_the_vehicle(flight):

@@ -27,6 +27,10 @@ export class WhatIf {
   windNorth = $state('');
   windEast = $state('');
   duration = $state('20');
+  /** What is added to the position setpoints [m]; empty: they are as logged. */
+  movedNorth = $state('');
+  movedEast = $state('');
+  movedUp = $state('');
   isBusy = $state(false);
   result = $state.raw<Rerun | null>(null);
   problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
@@ -49,7 +53,7 @@ export class WhatIf {
     this.request += 1;
     this.parameters = [];
     this.stoppedMotor = 0;
-    this.windNorth = this.windEast = '';
+    this.windNorth = this.windEast = this.movedNorth = this.movedEast = this.movedUp = '';
     this.isBusy = false;
     this.result = this.problem = null;
     this.paths = [];
@@ -72,11 +76,13 @@ export class WhatIf {
     const [north, east] = [Number(this.windNorth), Number(this.windEast)];
     const hasWind = this.windNorth.trim() !== '' || this.windEast.trim() !== '';
     const motor = this.stoppedMotor;
+    const moved = [Number(this.movedNorth), Number(this.movedEast), -Number(this.movedUp) || 0];
     return {
       from_s,
       duration_s: Number(this.duration),
       parameters: Object.fromEntries(this.parameters.map(({ name, value }) => [name, value])),
       wind_ned_m_s: hasWind ? [north, east, 0] : null,
+      moved_ned_m: moved.every((metres) => metres === 0) ? null : moved,
       motor_health: motor === 0 ? null : [1, 2, 3, 4].map((each) => (each === motor ? 0 : 1)),
     };
   }

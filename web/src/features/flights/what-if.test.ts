@@ -79,6 +79,8 @@ describe('what if', () => {
     whatIf.setParameter('MPC_XY_P', 0.7);
     whatIf.stoppedMotor = 2;
     whatIf.windEast = '-4';
+    whatIf.movedEast = '3';
+    whatIf.movedUp = '2';
     const flown = whatIf.fly(30);
     await vi.advanceTimersByTimeAsync(10);
     expect(whatIf.isBusy).toBe(true);
@@ -87,7 +89,7 @@ describe('what if', () => {
     await flown;
     const asked = sent.filter(({ path }) => path.includes('/rerun'));
     expect(asked.map(({ body }) => JSON.parse(String(body)) as unknown)).toEqual([
-      { from_s: 30, duration_s: 20, parameters: { MPC_XY_P: 0.7 }, wind_ned_m_s: [0, -4, 0], motor_health: [1, 0, 1, 1] },
+      { from_s: 30, duration_s: 20, parameters: { MPC_XY_P: 0.7 }, wind_ned_m_s: [0, -4, 0], moved_ned_m: [0, 3, -2], motor_health: [1, 0, 1, 1] },
     ]);
     expect(view.panes.map(({ fields }) => fields.map(labelOf))[1]).toEqual(['North, logged', 'North, unchanged', 'North, changed']);
     expect(view.shown).toEqual({ from_s: 30, to_s: 30.1 });
