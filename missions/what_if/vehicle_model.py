@@ -56,5 +56,5 @@ def vehicle_model(flight: LoggedFlight, mass_kg: float | None) -> VehicleModel:
         thrust_n=None if mass_kg is None else thrust.value * mass_kg,
         drag_n_per_m_s=None if mass_kg is None or not drag_known else drag.value * mass_kg,
         parameters=scaled,
-        notes=[*flight.notes, *notes],
+        notes=notes,
     )
