@@ -119,6 +119,7 @@ class SimulatedFleet:
     def _add_node(self, row: int, system_id: int, recorders: Recorders | None, *, camera: bool) -> None:
         """Adds what connects a vehicle's autopilot to the outside: log, MAVLink node, shell, camera."""
         autopilot, files = self.autopilots[row], self.files[row]
+        autopilot.view.parameters.set("MAV_SYS_ID", system_id)  # as PX4's start script (rcS) at every boot
         parameter_file = autopilot.view.parameters.file
         files.add_changing({"parameters.bson": parameter_file, "parameters_backup.bson": parameter_file})
         states = States(autopilot, system_id)

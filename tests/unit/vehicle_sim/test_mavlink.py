@@ -198,6 +198,11 @@ def test_requests_for_files_clocks_and_pings_get_replies() -> None:
     assert [m.seq for m in station.received("PING") if m.target_system == 255] == [5]
 
 
+def test_the_start_script_numbers_the_vehicles_whatever_was_stored():
+    sim = SimulatedFleet(2, first_instance=3, parameters={"MAV_SYS_ID": 9})
+    assert [each.view.parameters.get("MAV_SYS_ID") for each in sim.autopilots] == [4, 5]
+
+
 def test_version_and_modes_can_be_requested() -> None:
     sim = SimulatedFleet(2, first_instance=3)
     for row in range(2):
