@@ -1,0 +1,103 @@
+"""Rate of a log's download from a simulated vehicle, which sends FTP bursts as fast as the recorded PX4: this
+server (without loss, and at 20 % loss each way) and MAVSDK, one after the other."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from gcs_server.client import SyncGcs
+from tests.station import FIRST_TEST_INSTANCE, free_port, running_server, running_vehicles
+from tests.support.lossy_relay import lossy_relay
+
+from .process import load_average
+
+LOG_BYTES = 3_000_000
+VEHICLE_BYTES_S = 1250 * 239
+"""What the simulated vehicle sends of a file in a second: 5 messages in each of 250 steps."""
+PATH = "log/2026-01-01/10_00_00.ulg"
+ROOT = Path(__file__).resolve().parents[2]
+MAVSDK = {"MAVSDK 3": None, "MAVSDK 4": Path(sys.prefix) / "mavsdk4"}
+PROGRAM = """
+import asyncio, sys, time
+from tests.clients.any_mavsdk import connected
+async def main():
+    async with connected(int(sys.argv[1])) as drone:
+        began_s = time.monotonic()
+        download = drone.ftp.download(sys.argv[2], sys.argv[3], True)
+        async for _ in (await download if asyncio.iscoroutine(download) else download):
+            pass
+        print(time.monotonic() - began_s)
+asyncio.run(main())
+"""
+
+
+def _row(who: str, bytes_s: float, note: str = "") -> str:
+    return f"| {who} | {bytes_s / 1e3:.0f} kB/s{note} | {bytes_s / VEHICLE_BYTES_S:.0%} |"
+
+
+def _server(data: Path, content: bytes, loss: float) -> str:
+    server_port = free_port()
+    with contextlib.ExitStack() as stack:
+        port = stack.enter_context(lossy_relay(server_port, loss, 1)) if loss else server_port
+        url, _ = stack.enter_context(running_server([f"udpin://127.0.0.1:{server_port}"]))
+        stack.enter_context(running_vehicles(port, arguments=["--no-log", "--data-dir", str(data)]))
+        gcs = stack.enter_context(SyncGcs(url, client="bench", timeout_s=60))
+        drone = gcs.wait_for_vehicle("101", timeout_s=120)
+        (log,) = drone.request("GET", "/logs")["logs"]
+        operation = drone.request("POST", f"/logs/{log['number']}/download")["id"]
+        result = gcs.operations().wait(operation, timeout_s=300)["result"]
+        ways = ", ".join(f"{way} {rate / 1e3:.0f} kB/s" for way, rate in result["rates_bytes_s"].items())
+        assert result["size_bytes"] == len(content)
+        return _row(
+            f"this server, {loss:.0%} loss",
+            result["rates_bytes_s"]["FTP"],
+            f" ({ways}; {result['verified']})",
+        )
+
+
+def _mavsdk(name: str, data: Path, content: bytes) -> str:
+    folder, tcp_port = MAVSDK[name], free_port(socket.SOCK_STREAM)
+    python_path = [str(each) for each in (folder, ROOT) if each is not None]
+    with (
+        running_vehicles(free_port(), tcp_port=tcp_port, arguments=["--no-log", "--data-dir", str(data)]),
+        tempfile.TemporaryDirectory() as target,
+    ):
+        time.sleep(5.0)
+        done = subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", PROGRAM, str(tcp_port), f"/{PATH}", target],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(python_path)},
+            capture_output=True,
+            text=True,
+            timeout=240,
+        )
+        if done.returncode:
+            return f"| {name} | not measured: {done.stderr.strip().splitlines()[-1][:120]} | |"
+        assert (Path(target) / Path(PATH).name).read_bytes() == content
+        return _row(name, len(content) / float(done.stdout.split()[-1]))
+
+
+def table() -> Iterator[str]:
+    """Rows of the table."""
+    content = os.urandom(LOG_BYTES)
+    with tempfile.TemporaryDirectory() as name:
+        file = Path(name) / f"files-{FIRST_TEST_INSTANCE}" / PATH
+        file.parent.mkdir(parents=True)
+        file.write_bytes(content)
+        yield f"{LOG_BYTES / 1e6:.0f} MB, load average {load_average()}\n"
+        yield "| who | rate by FTP | of what the vehicle sends |"
+        yield "|---|---|---|"
+        for loss in (0.0, 0.2):
+            yield _server(Path(name), content, loss)
+        for who, folder in MAVSDK.items():
+            if folder is None or folder.is_dir():
+                yield _mavsdk(who, Path(name), content)
+            else:
+                yield f"| {who} | not installed | |"
