@@ -106,3 +106,34 @@ def test_a_part_of_a_flight_is_flown_again_with_a_change(
         expect(page.get_by_role("region", name="Pane 2")).to_contain_text("North, changed")
         wait_until(lambda: page.evaluate(PLOTTED)[1] > 10, "the tracks")
         assert serious_violations(page) == []
+
+
+@pytest.mark.story
+def test_two_flights_are_laid_over_each_other_and_say_how_they_differ(
+    browser: Browser, server_url: str, tmp_path: Path
+) -> None:
+    for name, wind in (("calm", (0.0, 0.0, 0.0)), ("windy", (0.0, 4.0, 0.0))):
+        path, _ = flown_log(tmp_path / name, wind)
+        path.rename(tmp_path / f"{name}.ulg")
+    with open_page(browser, server_url, scene=False) as page:
+        page.keyboard.press("Shift+E")
+        flights = page.get_by_role("region", name="Flights", exact=True)
+        for name in ("windy", "calm"):
+            flights.get_by_label("Add a log").set_input_files(tmp_path / f"{name}.ulg")
+            expect(flights.get_by_role("heading", name=f"{name}.ulg")).to_be_visible(timeout=30_000)
+            flights.get_by_role("radio", name="Two flights").wait_for()
+            if name == "windy":
+                flights.get_by_role("button", name="Back to the list of flights").click()
+        flights.get_by_role("radio", name="Two flights").click()
+        second = flights.get_by_label("Second flight")
+        second.select_option(index=1)
+        expect(flights).to_contain_text("as root mean square", timeout=30_000)
+        pane = page.get_by_role("region", name="Pane 1")
+        expect(pane).to_contain_text("Distance of the flights")
+        expect(page.get_by_role("region", name="Pane 2")).to_contain_text("second flight")
+        wait_until(lambda: min(page.evaluate(PLOTTED)[:2]) > 10, "the plots")
+        flights.get_by_role("radio", name="Best fit").click()
+        expect(flights).to_contain_text("Times of the second flight are moved by")
+        assert serious_violations(page) == []
+        second.select_option(index=0)
+        expect(flights).not_to_contain_text("as root mean square")
