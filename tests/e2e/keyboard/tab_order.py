@@ -86,8 +86,9 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         return open_input
 
     def open_flights() -> None:
-        page.keyboard.press("Shift+E")
         flights = page.get_by_role("region", name=text("Flights"), exact=True)
+        if not flights.is_visible():
+            page.keyboard.press("Shift+E")
         flights.get_by_role("list").or_(flights.get_by_text(text("No flights yet"))).first.wait_for()
 
     def open_live_plots() -> None:
