@@ -89,7 +89,13 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         flights = page.get_by_role("region", name=text("Flights"), exact=True)
         if not flights.is_visible():
             page.keyboard.press("Shift+E")
-        flights.get_by_role("list").or_(flights.get_by_text(text("No flights yet"))).first.wait_for()
+        listed = flights.get_by_role("list").or_(flights.get_by_text(text("No flights yet"))).first
+        back = flights.get_by_role("button", name=text("Back to the list of flights"))
+        listed.or_(back).first.wait_for()
+        if back.is_visible():  # a flight or live plots are open
+            back.focus()
+            page.keyboard.press("Enter")
+        listed.wait_for()
 
     def open_live_plots() -> None:
         open_flights()
