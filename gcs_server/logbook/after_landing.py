@@ -13,12 +13,13 @@ from typing import Literal
 
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused, UnknownOperation
-from gcs_server.logbook.downloads import LogDownloads
+from gcs_server.logbook.downloads import LogDownloads, log_of
 from gcs_server.operations.operations import Operation, Operations
 from gcs_server.storage.files import typed
 from gcs_server.storage.folder import StorageError
 from gcs_server.storage.records import Records, Unreadable
 from gcs_server.vehicle.fleet import Fleet
+from gcs_server.vehicle.services.logs import FlightLog
 from gcs_server.vehicle.vehicle import Vehicle
 
 Choice = Literal["never", "offer", "download"]
@@ -83,6 +84,7 @@ class AfterLanding:
     ) -> None:
         self._clock, self._fleet, self._operations, self._downloads = clock, fleet, operations, downloads
         self._records, self._on_start = records, on_start
+        downloads.on_downloaded = self._end_offer
         self.choice: Choice = "offer"
         self._entries: dict[_Entry, str | None] = {}
         """Open flights, oldest first, with the ids of their downloads; None: not begun."""
@@ -203,6 +205,16 @@ class AfterLanding:
         self._keep(lambda entry: entry.vehicle != vehicle.id or self._is_to_be_downloaded(entry))
         if vehicle.flight_state.landed_state != "on_ground":
             self._flying.add(vehicle.id)
+
+    def _end_offer(self, vehicle_id: str, log: FlightLog, logs: list[FlightLog]) -> None:
+        """A log that a person has downloaded is not offered any more; the download of an offer is shown."""
+        self._keep(
+            lambda entry: (
+                entry.vehicle != vehicle_id
+                or self._state(entry) == "running"
+                or log_of(logs, entry.ended_unix_s) != log
+            )
+        )
 
     def _is_to_be_downloaded(self, entry: _Entry) -> bool:
         return self._state(entry) in ("waiting", "running")

@@ -39,6 +39,8 @@ class LogDownloads:
         self._clock, self._logbook, self._vehicle = clock, logbook, vehicle
         self._partial = PartialLogs(logbook.library.logs, clock)
         self.transfers = Transfers(clock, vehicle)
+        self.on_downloaded: Callable[[str, FlightLog, list[FlightLog]], object] = lambda *_: None
+        """Called with the vehicle's id, the log that is on the server now, and all logs of the vehicle."""
 
     def received_bytes(self, vehicle_id: str, log: FlightLog) -> int:
         """Size of what has arrived of a log in an earlier download [bytes]; blocks."""
@@ -129,9 +131,7 @@ class LogDownloads:
                 f"Vehicle {vehicle_id} has no log.",
                 remedy="It logs flights on its memory card, unless SDLOG_MODE is -1.",
             )
-        away_s = {log: abs(log.ended_unix_s - ended_unix_s) for log in logs if log.ended_unix_s is not None}
-        nearest = min(away_s, key=lambda log: away_s[log], default=logs[-1])
-        log = nearest if away_s.get(nearest, NEAR_S) < NEAR_S else logs[-1]
+        log = log_of(logs, ended_unix_s)
         if await asyncio.to_thread(self.path_of, vehicle_id, log) is not None:
             raise Refused(
                 f"The newest log of vehicle {vehicle_id} is already on the server.",
@@ -146,7 +146,8 @@ class LogDownloads:
                 f"Log {log.number} has {log.size_bytes:,} bytes; more than {MAX_BYTES:,} are not downloaded."
             )
             raise InvalidRequest("number", text, remedy="Take it from the vehicle's memory card.")
-        path = await service.path_of(log, await service.list())
+        logs = await service.list()
+        path = await service.path_of(log, logs)
         key = _key(vehicle_id, log)
         partial = await asyncio.to_thread(self._partial.open, key, log.size_bytes)
         download = await self.transfers.receive(
@@ -165,6 +166,7 @@ class LogDownloads:
         report("Received. The log is being read.", 1.0)
         with contextlib.suppress(LogUnusable):  # the list of flights then says why
             await self._logbook.overview(flight)
+        self.on_downloaded(vehicle_id, log, logs)
         return {
             "file": file.name,
             "flight": flight,
@@ -173,6 +175,13 @@ class LogDownloads:
             "received_bytes": dict(download.received_bytes),
             "rates_bytes_s": {way: round(rate) for way, rate in download.rates_bytes_s.items()},
         }
+
+
+def log_of(logs: list[FlightLog], ended_unix_s: float) -> FlightLog:
+    """The log of a flight that ended then: the nearest, or the newest; `logs` is not empty."""
+    away_s = {log: abs(log.ended_unix_s - ended_unix_s) for log in logs if log.ended_unix_s is not None}
+    nearest = min(away_s, key=lambda log: away_s[log], default=logs[-1])
+    return nearest if away_s.get(nearest, NEAR_S) < NEAR_S else logs[-1]
 
 
 def _key(vehicle_id: str, log: FlightLog) -> str:

@@ -10,10 +10,11 @@ from gcs_server.api import after_landing_routes
 from gcs_server.errors import Refused
 from gcs_server.logbook import after_landing
 from gcs_server.logbook.after_landing import AfterLanding
-from gcs_server.logbook.downloads import LogDownloads
+from gcs_server.logbook.downloads import NEAR_S, LogDownloads
 from gcs_server.operations.operations import Operations
 from gcs_server.storage.folder import StorageError
 from gcs_server.storage.records import Records
+from gcs_server.vehicle.services.logs import LogService
 from tests.protocol.api_calls import ANNA, journal_entries, json_of, logbook_in, run_with_routes
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.simulated_autopilot import SimulatedAutopilot
@@ -36,10 +37,10 @@ class Rig:
     def start_server(self):
         testbed, folder = self.testbed, self.folder
         self.operations = Operations(testbed.clock, testbed.supervisor, lambda _: None)
-        downloads = LogDownloads(testbed.clock, logbook_in(testbed.clock, folder), testbed.fleet.get)
+        self.downloads = LogDownloads(testbed.clock, logbook_in(testbed.clock, folder), testbed.fleet.get)
         records = Records(folder / "after_landing")
         self.after = AfterLanding(
-            testbed.clock, testbed.fleet, self.operations, downloads, records, self.started.append
+            testbed.clock, testbed.fleet, self.operations, self.downloads, records, self.started.append
         )
         self.after.load()
 
@@ -194,6 +195,21 @@ def test_an_offer_is_declined_and_a_download_cancelled(run_rig):
         await rig.after.choose("never")
         await rig.fly()
         assert rig.shown().state == "none"
+
+    run_rig(scenario)
+
+
+def test_an_offer_ends_when_its_log_is_downloaded_by_hand_and_stays_with_another_log(run_rig):
+    async def scenario(rig):
+        await rig.fly()
+        await asyncio.sleep(2 * NEAR_S)
+        await rig.fly()
+        older, newer = await rig.vehicle.service(LogService).list()
+        await rig.downloads.run("1", older.number, lambda *_: None)
+        assert rig.shown().state == "offered", "another flight's log"
+        await rig.downloads.run("1", newer.number, lambda *_: None)
+        assert rig.shown().state == "none"
+        assert len(rig.on_server) == 2
 
     run_rig(scenario)
 
