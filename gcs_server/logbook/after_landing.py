@@ -5,7 +5,7 @@ the server."""
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -206,7 +206,7 @@ class AfterLanding:
         if vehicle.flight_state.landed_state != "on_ground":
             self._flying.add(vehicle.id)
 
-    def _end_offer(self, vehicle_id: str, log: FlightLog, logs: list[FlightLog]) -> None:
+    def _end_offer(self, vehicle_id: str, log: FlightLog, logs: Sequence[FlightLog]) -> None:
         """A log that a person has downloaded is not offered any more; the download of an offer is shown."""
         self._keep(
             lambda entry: (

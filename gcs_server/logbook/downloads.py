@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -39,7 +39,7 @@ class LogDownloads:
         self._clock, self._logbook, self._vehicle = clock, logbook, vehicle
         self._partial = PartialLogs(logbook.library.logs, clock)
         self.transfers = Transfers(clock, vehicle)
-        self.on_downloaded: Callable[[str, FlightLog, list[FlightLog]], object] = lambda *_: None
+        self.on_downloaded: Callable[[str, FlightLog, Sequence[FlightLog]], object] | None = None
         """Called with the vehicle's id, the log that is on the server now, and all logs of the vehicle."""
 
     def received_bytes(self, vehicle_id: str, log: FlightLog) -> int:
@@ -166,7 +166,8 @@ class LogDownloads:
         report("Received. The log is being read.", 1.0)
         with contextlib.suppress(LogUnusable):  # the list of flights then says why
             await self._logbook.overview(flight)
-        self.on_downloaded(vehicle_id, log, logs)
+        if self.on_downloaded is not None:
+            self.on_downloaded(vehicle_id, log, logs)
         return {
             "file": file.name,
             "flight": flight,
@@ -177,7 +178,7 @@ class LogDownloads:
         }
 
 
-def log_of(logs: list[FlightLog], ended_unix_s: float) -> FlightLog:
+def log_of(logs: Sequence[FlightLog], ended_unix_s: float) -> FlightLog:
     """The log of a flight that ended then: the nearest, or the newest; `logs` is not empty."""
     away_s = {log: abs(log.ended_unix_s - ended_unix_s) for log in logs if log.ended_unix_s is not None}
     nearest = min(away_s, key=lambda log: away_s[log], default=logs[-1])
