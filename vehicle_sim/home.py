@@ -170,6 +170,10 @@ class HomeUpdater:
             self.on_arming()
         self._correction.start()
 
+    def on_moved(self) -> None:
+        """Called when the vehicle was moved in flight: its altitude is corrected from there on."""
+        self._correction.start()
+
     def correct(self) -> None:
         """Corrects the altitude of home in flight; called at each tick."""
         self._correction.update()

@@ -27,6 +27,7 @@ from vehicle_sim.sensors.suite import Driver, RangeFinder, SensorFaults, SensorS
 from vehicle_sim.state import (
     BatteryState,
     EstimateState,
+    FlightMoment,
     SensorState,
     SimulationOrigin,
     TargetState,
@@ -294,6 +295,24 @@ class Simulation:
         """Sets the attitude of vehicle `i` at its position; ignored while armed."""
         if not self.setpoints.armed[i]:
             self._bodies.set_attitude(i, q_ned_frd)
+
+    def place_in_flight(self, i: int, moment: FlightMoment) -> None:
+        """Moves vehicle `i`, which flies, to a moment of another flight. Its estimator is as far from the
+        truth there as before, so that its sensors and the estimate still agree.
+
+        Raises:
+            ValueError: the vehicle is on the ground, or the moment is not above it.
+        """
+        truth = self._bodies.state
+        if truth.on_ground[i]:
+            raise ValueError(f"vehicle {i} is on the ground; only a vehicle that flies can be moved")
+        if not moment.position_ned_m[2] < self._bodies.ground_down_m[i]:
+            raise ValueError("the moment is not above the ground")
+        error_m = self._estimator.state.position_ned_m[i] - truth.position_ned_m[i]
+        self._bodies.place_in_flight(i, moment)
+        self._estimator.place(i, moment.position_ned_m + error_m, moment.velocity_ned_m_s, moment.q_ned_frd)
+        self._cascade.place(i, moment)
+        self._estimates = None
 
     def add_vision(self, i: int, sample: VisionSample) -> None:
         """Passes an external measurement to the estimator of vehicle `i` (EKF2_EV_CTRL)."""

@@ -260,6 +260,28 @@ class TargetState:
     """(N,) hover thrust that the controllers use (estimated if MPC_USE_HTE is set)."""
 
 
+@dataclass(frozen=True, slots=True)
+class FlightMoment:
+    """Motion of a vehicle and memory of its controllers at a moment of a flight."""
+
+    position_ned_m: FloatArray
+    """(3,)."""
+    velocity_ned_m_s: FloatArray
+    """(3,)."""
+    q_ned_frd: FloatArray
+    """(4,)."""
+    rates_frd_rad_s: FloatArray
+    """(3,)."""
+    rotor_thrust: FloatArray
+    """(4,) each rotor's thrust, 0..1."""
+    velocity_integral: FloatArray
+    """(3,) integral of the velocity controller [m/s²]."""
+    rate_integral: FloatArray
+    """(3,) integral of the rate controllers."""
+    hover_thrust: float
+    """The controllers' hover thrust, 0..1."""
+
+
 @formula
 def angles_of(q_ned_frd: Column) -> Vector:
     """Roll, pitch and yaw of one vehicle [rad]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from gcs_server.api.strict_body import ResponseBody, StrictBody, example
 
@@ -13,7 +13,20 @@ Metres = Annotated[float, Field(ge=-200, le=200)]
 Health = Annotated[float, Field(ge=0, le=1)]
 ParameterName = Annotated[str, Field(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")]
 ParameterNumber = Annotated[float, Field(ge=-1e9, le=1e9)]
-MAX_DURATION_S = 120.0
+MAX_DURATION_S, MAX_AUTOPILOT_S = 120.0, 600.0
+
+
+class ChangedItem(StrictBody):
+    """What is different at one item of the flown plan."""
+
+    number: Annotated[int, Field(ge=1, le=10_000)]
+    """The item, from 1; a pattern is one item. The vehicle had not passed it."""
+    moved_ned_m: Annotated[list[Metres], Field(min_length=3, max_length=3)] | None = None
+    """What is added to its position [m]; null: it is where it was."""
+    speed_m_s: Annotated[float, Field(gt=0, le=30)] | None = None
+    """Speed over ground from this item on; null: as planned."""
+    then: Literal["return", "hold", "land"] | None = None
+    """What follows it; null: the next item."""
 
 
 class RerunRequest(StrictBody):
@@ -23,12 +36,29 @@ class RerunRequest(StrictBody):
 
     from_s: Annotated[float, Field(ge=0, le=1e6)]
     """Begin of the part [s since the log's start]; the vehicle is in the air then."""
-    duration_s: Annotated[float, Field(ge=1, le=MAX_DURATION_S)] = 20.0
-    """Duration [s]; the rerun ends earlier where the vehicle landed or the log ends."""
+    duration_s: Annotated[float, Field(ge=1, le=MAX_AUTOPILOT_S)] = 20.0
+    """Duration [s], with `setpoints` up to 120; it ends earlier where the vehicle has landed, with
+    `setpoints` also where it landed in the log or the log ends."""
     parameters: Annotated[dict[ParameterName, ParameterNumber], Field(max_length=50)] = Field(
         default_factory=dict
     )
-    """Parameters with other values: of control (MC_*, MPC_* of gains and limits) or of the body (SIH_*)."""
+    """Parameters with other values: of control (MC_*, MPC_* of gains and limits) or of the body (SIH_*); with
+    `autopilot` all that the simulated PX4 has: failsafes (COM_LOW_BAT_ACT, NAV_DLL_ACT, GF_ACTION), Return
+    (RTL_*), missions (MIS_*)."""
+    flown_by: Literal["setpoints", "autopilot"] = "setpoints"
+    """`setpoints`: the logged setpoints are followed; `autopilot`: the simulated PX4 flies on in the logged
+    mode (Mission, Hold, Return or Land), with its plan, and makes the setpoints."""
+    plan: Annotated[str, Field(pattern=r"^[0-9a-f]{1,40}$")] | None = None
+    """Id of the waypoint plan that was flown; null: the one that this server noted of the flight."""
+    battery_percent: Annotated[float, Field(ge=0, le=100)] | None = None
+    """Other charge at the begin, with `autopilot`; null: as logged."""
+    lost: Annotated[list[Literal["data_link", "manual_control", "gps"]], Field(max_length=3)] = Field(
+        default_factory=list
+    )
+    """What is lost at the begin, with `autopilot`: `data_link`, `manual_control` (which the vehicle had until
+    then), `gps`."""
+    item: ChangedItem | None = None
+    """A changed item of the plan, with `autopilot` in Mission; null: none."""
     wind_ned_m_s: Annotated[list[Component], Field(min_length=3, max_length=3)] | None = None
     """Other steady wind [m/s], the direction it blows to; null: the one found in the log."""
     motor_health: Annotated[list[Health], Field(min_length=4, max_length=4)] | None = None
@@ -36,6 +66,26 @@ class RerunRequest(StrictBody):
     moved_ned_m: Annotated[list[Metres], Field(min_length=3, max_length=3)] | None = None
     """What is added to the position setpoints: a waypoint, or a target of setpoints, that is moved [m]; null:
     they are as logged."""
+
+    @model_validator(mode="after")
+    def _belongs_to_who_flies(self) -> RerunRequest:
+        if self.flown_by == "autopilot":
+            return self
+        if self.duration_s > MAX_DURATION_S:
+            raise ValueError(f"duration_s is at most {MAX_DURATION_S:.0f} with the logged setpoints")
+        for name in ("plan", "battery_percent", "lost", "item"):
+            if getattr(self, name) not in (None, []):
+                raise ValueError(f"{name} changes nothing with the logged setpoints; use flown_by autopilot")
+        return self
+
+
+class RerunEvent(ResponseBody):
+    """A mode or a warning of a vehicle that PX4 flies."""
+
+    t_s: float
+    """Time [s since the log's start]."""
+    text: str
+    """The mode that became active, or the warning."""
 
 
 class RerunTrack(ResponseBody):
@@ -47,6 +97,10 @@ class RerunTrack(ResponseBody):
     """Velocities."""
     attitude_deg: list[list[float]]
     """Roll, pitch, yaw."""
+    modes: list[RerunEvent] = Field(default_factory=list["RerunEvent"])
+    """Modes, the first at the begin; empty with the logged setpoints."""
+    warnings: list[RerunEvent] = Field(default_factory=list["RerunEvent"])
+    """Warnings of the vehicle; empty with the logged setpoints."""
 
 
 class IdentifiedValue(ResponseBody):
@@ -62,7 +116,7 @@ class RerunResult(ResponseBody):
     """A part of a flight: as logged, flown again unchanged, and flown again with the change."""
 
     t_s: list[float]
-    """Times [s since the log's start], of all tracks."""
+    """Times [s since the log's start], of all tracks; a track that ended earlier has fewer samples."""
     logged: RerunTrack
     """As the vehicle estimated it."""
     unchanged: RerunTrack

@@ -7,17 +7,35 @@ from fastapi import Response
 from gcs_server.api import what_if_models as m
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.routes import Routes
-from gcs_server.api.station import StationDep
+from gcs_server.api.station import Station, StationDep
+from gcs_server.errors import InvalidRequest
 
 router = Routes(prefix="/flights", tags=["flights"], responses=RESPONSES)
 
 
 @router.post("/{f}/rerun", response_model=m.RerunResult)
 async def rerun_flight(f: str, body: m.RerunRequest, station: StationDep) -> Response:
-    """Flies a part of a quadrotor's ULog again, from its logged state with its logged setpoints: once as it
-    was, which says how much to trust it, and once with other parameters, wind, moved setpoints or a failed
-    motor. What makes
-    the setpoints (modes, missions, failsafes) is not flown again."""
-    change = body.model_dump(include={"parameters", "wind_ned_m_s", "motor_health", "moved_ned_m"})
-    result = await station.logbook.rerun(f, body.from_s, body.from_s + body.duration_s, change)
+    """Flies a part of a quadrotor's ULog again from its logged state: once as it was, which says how much to
+    trust it, and once with a change. With the logged setpoints, what makes them (modes, missions, failsafes)
+    is not flown again; the simulated PX4 (`flown_by`: `autopilot`) flies on in Mission, Hold, Return and Land
+    and makes them itself."""
+    change = body.model_dump(exclude={"from_s", "duration_s", "plan"})
+    plan = await _plan(f, body, station) if body.flown_by == "autopilot" else None
+    result = await station.logbook.rerun(f, body.from_s, body.from_s + body.duration_s, change, plan)
     return Response(result, media_type="application/json")
+
+
+async def _plan(f: str, body: m.RerunRequest, station: Station) -> str | None:
+    """The waypoint plan that was flown, as JSON; None: not known."""
+    plan_id, version = body.plan, None
+    if plan_id is None:
+        noted = await station.logbook.flown_plan(f, body.from_s)
+        if noted is None or noted["kind"] != "waypoint_plan":
+            return None
+        plan_id, version = noted["id"], noted["version"]
+    head, text = await station.flights.plans.get(plan_id, version)
+    if head.kind != "waypoint_plan":
+        raise InvalidRequest(
+            "plan", f"{head.name} is no waypoint plan.", remedy="Give the id of a waypoint plan."
+        )
+    return text.decode()

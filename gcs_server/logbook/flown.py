@@ -5,13 +5,15 @@ Between two samples states and setpoints are interpolated; flags, levels and NaN
 
 from __future__ import annotations
 
+import contextlib
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs_server.logbook.columns import Columns, UnknownField
-from missions.what_if.flight import LEAD_S, LoggedFlight, NotFlyable
+from missions.what_if.flight import LEAD_S, Battery, LoggedAutopilot, LoggedFlight, NotFlyable
 
 Values = NDArray[np.float64]
 
@@ -21,6 +23,10 @@ _DISARMED, _MOTORS, _RATES, _ATTITUDE, _TRAJECTORY = 0, 1, 3, 4, 5
 """`vehicle_sim.control.setpoints.ControlLevel`."""
 _TRAJECTORY_FLAGS = ("position", "velocity", "altitude", "climb_rate", "acceleration")
 MOTOR_COUNT = 4
+_MISSION = 3
+"""`vehicle_sim.autopilot.modes.NavState`."""
+MIN_DISCHARGE = 0.01
+"""A smaller part of the charge says nothing of the time to empty."""
 
 
 def flown(columns: Columns, parameters: Mapping[str, float], from_s: float, to_s: float) -> LoggedFlight:
@@ -37,6 +43,92 @@ def flown(columns: Columns, parameters: Mapping[str, float], from_s: float, to_s
         return _flight(part, parameters)
     except UnknownField as error:
         raise NotFlyable(f"{error.args[0][:1].upper()}{error.args[0][1:]}; a rerun needs it.") from error
+
+
+def autopilot_at(columns: Columns, firmware: str | None, from_s: float, to_s: float) -> LoggedAutopilot:
+    """What the autopilot was doing at `from_s`.
+
+    Args:
+        columns: the log.
+        firmware: as in its overview.
+        from_s: the moment [s since the log's start].
+        to_s: until then the battery's discharge and later modes count.
+
+    Raises:
+        NotFlyable: the log lacks what is needed.
+    """
+    try:
+        home = _At(columns, "home_position", from_s)
+        status = _At(columns, "vehicle_status", from_s)
+        if not (home.flag("valid_hpos") and home.flag("valid_alt") and home.flag("valid_lpos")):
+            raise NotFlyable("The vehicle has no home position then.")
+        return LoggedAutopilot(
+            nav_state=int(status.value("nav_state")),
+            home_lat_deg=home.value("lat"),
+            home_lon_deg=home.value("lon"),
+            home_alt_amsl_m=home.value("alt"),
+            home_ned_m=np.array([home.value(axis) for axis in "xyz"]),
+            battery=_battery(columns, from_s, to_s),
+            mission_item=_mission_item(columns, from_s),
+            release=_release(firmware),
+            switched=_switched(columns, from_s, to_s),
+        )
+    except UnknownField as error:
+        raise NotFlyable(f"{error.args[0][:1].upper()}{error.args[0][1:]}; a rerun needs it.") from error
+
+
+class _At:
+    """The values of a topic at a time: those before it, or else the first. Raises UnknownField."""
+
+    def __init__(self, columns: Columns, topic: str, t_s: float) -> None:
+        self._columns, self._topic = columns, f"{topic}:0"
+        self.row = max(0, int(np.searchsorted(columns.times(self._topic), t_s, side="right")) - 1)
+
+    def value(self, field: str) -> float:
+        return float(self._columns.column(self._topic, field)[0][self.row])
+
+    def flag(self, field: str) -> bool:
+        return self.value(field) > 0.0
+
+
+def _battery(columns: Columns, from_s: float, to_s: float) -> Battery | None:
+    """None: not logged."""
+    try:
+        begin, end = (_At(columns, "battery_status", t_s) for t_s in (from_s, to_s))
+        share, left = begin.value("remaining"), end.value("remaining")
+    except UnknownField:
+        return None
+    if not 0.0 <= share <= 1.0:
+        return None
+    times_s = columns.times("battery_status:0")
+    seconds, used = float(times_s[end.row] - times_s[begin.row]), share - left
+    return Battery(share, seconds / used if used >= MIN_DISCHARGE else None)
+
+
+def _mission_item(columns: Columns, from_s: float) -> int | None:
+    try:
+        return int(_At(columns, "mission_result", from_s).value("seq_current"))
+    except UnknownField:
+        return None
+
+
+def _switched(columns: Columns, from_s: float, to_s: float) -> tuple[float, int] | None:
+    """The first later change of the intended mode that the autopilot did not make itself: at the end of its
+    mission it intends Hold."""
+    times_s = columns.times("vehicle_status:0")
+    intended = np.asarray(columns.column("vehicle_status:0", "nav_state_user_intention")[0])
+    for row in np.flatnonzero((times_s[1:] > from_s) & (times_s[1:] <= to_s) & (np.diff(intended) != 0)) + 1:
+        t_s = float(times_s[row])
+        with contextlib.suppress(UnknownField):
+            if intended[row - 1] == _MISSION and _At(columns, "mission_result", t_s).flag("finished"):
+                continue
+        return t_s, int(intended[row])
+    return None
+
+
+def _release(firmware: str | None) -> tuple[int, int] | None:
+    found = re.search(r"v(\d+)\.(\d+)", firmware or "")
+    return None if found is None else (int(found[1]), int(found[2]))
 
 
 class _Part:

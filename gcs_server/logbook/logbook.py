@@ -202,14 +202,30 @@ class Logbook:
         folder = await self._read_folder(file_id)
         return self._work.export(folder, (await self.get(file_id)).path.name, request)
 
-    async def rerun(self, file_id: str, from_s: float, to_s: float, change: Mapping[str, Any]) -> bytes:
-        """A part of a flight flown again in simulation, as it was and with a change, as JSON.
+    async def rerun(
+        self, file_id: str, from_s: float, to_s: float, change: Mapping[str, Any], plan: str | None = None
+    ) -> bytes:
+        """A part of a flight flown again in simulation, as it was and with a change (`tasks.rerun`), as JSON.
 
         Raises:
             UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
             InvalidRequest: this part cannot be flown, or the change has no effect on it.
         """
-        return await self._work.rerun(await self._read_folder(file_id), from_s, to_s, change)
+        return await self._work.rerun(await self._read_folder(file_id), from_s, to_s, change, plan)
+
+    async def flown_plan(self, file_id: str, at_s: float) -> dict[str, Any] | None:
+        """What the server noted of the plan or program (`kind`, `id`, `version`, …) of the flight at a time
+        of a file; None: nothing. Raises UnknownFlight."""
+        await self.get(file_id)
+        for flight in (await self.flights())[0]:
+            for part in flight.joined.parts:
+                if part.file == file_id and part.flight.begin_s <= at_s <= part.flight.end_s:
+                    details = [
+                        await asyncio.to_thread(self.joined.notes.details, head.id) for head in flight.notes
+                    ]
+                    plans = [json.loads(each)["plan"] for each in details if each is not None]
+                    return next((plan for plan in plans if plan["id"] is not None), None)
+        return None
 
     async def identify(self, flight: Flight, mass_kg: float | None) -> bytes:
         """The model of the aircraft of a flight, as JSON (`missions.what_if.vehicle_model.VehicleModel`).

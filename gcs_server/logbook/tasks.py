@@ -47,13 +47,19 @@ def spectrum(folder: str, field: str, from_s: float | None, to_s: float | None) 
     return msgspec.json.encode(spectra.spectrum(columns.Columns(Path(folder)), field, from_s, to_s))
 
 
-def rerun(folder: str, from_s: float, to_s: float, change: dict[str, Any]) -> bytes:
+def rerun(folder: str, from_s: float, to_s: float, change: dict[str, Any], plan: str | None = None) -> bytes:
     """Flies a part of a log again, as it was and with a change; the result as JSON.
+
+    Args:
+        folder: the folder of its columns.
+        from_s, to_s: the part [s since the log's start].
+        change: what is different, and `flown_by`: `setpoints` (the default) or `autopilot`.
+        plan: the flown waypoint plan as JSON, for `autopilot`; None: not known.
 
     Raises `missions.what_if.flight.NotFlyable`, OSError.
     """
     from gcs_server.logbook import columns
-    from gcs_server.logbook.flown import flown
+    from gcs_server.logbook.flown import autopilot_at, flown
     from missions.what_if import task
 
     overview = msgspec.json.decode((Path(folder) / columns.OVERVIEW).read_bytes())
@@ -61,8 +67,13 @@ def rerun(folder: str, from_s: float, to_s: float, change: dict[str, Any]) -> by
     parameters |= {
         each["name"]: each["value"] for each in overview["parameter_changes"] if each["t_s"] <= from_s
     }
-    flight = flown(columns.Columns(Path(folder)), parameters, from_s, to_s)
-    return msgspec.json.encode(task.run(flight, from_s, task.change_from(change)))
+    log = columns.Columns(Path(folder))
+    if change.get("flown_by") != "autopilot":
+        flight = flown(log, parameters, from_s, to_s)
+        return msgspec.json.encode(task.run(flight, from_s, task.change_from(change)))
+    logged = autopilot_at(log, overview["firmware"], from_s, to_s)
+    flight = flown(log, parameters, from_s, to_s)
+    return msgspec.json.encode(task.run_autopilot(flight, logged, plan, from_s, to_s - from_s, change))
 
 
 def findings(folder: str) -> bytes:

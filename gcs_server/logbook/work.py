@@ -36,6 +36,9 @@ REMEDIES = {
     "offset_s": "Take another offset, or the best fit.",
     "moved_ned_m": "Take a part in which positions are flown, or move nothing.",
     "parameters": "Change another parameter, or give it another value.",
+    "flown_by": "Take a moment in one of these modes, or fly on with the logged setpoints.",
+    "plan": "Name the plan that was flown, or fly on with the logged setpoints.",
+    "item": "Change an item that the vehicle had still before it.",
 }
 """What to do, by the field of the request that was wrong."""
 
@@ -90,15 +93,23 @@ class LogWork:
         async with self._plots.turn():
             return await self._run("spectrum", arguments)
 
-    async def rerun(self, folder: Path, from_s: float, to_s: float, change: Mapping[str, Any]) -> bytes:
-        """Flies a part of a log again in simulation; the result as JSON.
+    async def rerun(
+        self, folder: Path, from_s: float, to_s: float, change: Mapping[str, Any], plan: str | None
+    ) -> bytes:
+        """Flies a part of a log again in simulation (`tasks.rerun`); the result as JSON.
 
         Raises:
             InvalidRequest: this part cannot be flown, or the change has no effect on it.
             LogUnusable: the columns cannot be read.
             ClientHasTooMany, ServerBusy: too many parts are being flown or wait.
         """
-        arguments = {"folder": str(folder), "from_s": from_s, "to_s": to_s, "change": dict(change)}
+        arguments = {
+            "folder": str(folder),
+            "from_s": from_s,
+            "to_s": to_s,
+            "change": dict(change),
+            "plan": plan,
+        }
         async with self._reruns.turn():
             return await self._run("rerun", arguments)
 

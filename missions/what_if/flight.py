@@ -87,3 +87,35 @@ class LoggedFlight:
         """Index of the first landed sample after `start`; without one, the number of samples."""
         landed = np.flatnonzero(self.landed[start:])
         return start + int(landed[0]) if len(landed) else len(self.t_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """A battery at one moment."""
+
+    share: float
+    """Charge, 0 to 1."""
+    endurance_s: float | None
+    """Time from full to empty at its mean discharge afterwards; None: it hardly discharges."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedAutopilot:
+    """What the autopilot of a logged flight was doing at one moment."""
+
+    nav_state: int
+    """`vehicle_sim.autopilot.modes.NavState`."""
+    home_lat_deg: float
+    home_lon_deg: float
+    home_alt_amsl_m: float
+    home_ned_m: Values
+    """(3,) in the local frame of the log."""
+    battery: Battery | None
+    """None: not logged."""
+    mission_item: int | None
+    """Index of the mission's current item, in the order of the upload; None: not logged."""
+    release: tuple[int, int] | None
+    """Major and minor number of its PX4; None: not known."""
+    switched: tuple[float, int] | None
+    """Time [s since the log's start] and nav state of the first later mode that the autopilot did not select
+    itself; None: there is none."""

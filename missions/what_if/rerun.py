@@ -22,9 +22,11 @@ from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.estimator.estimator import blank_estimate
 from vehicle_sim.estimator.gyro_filter import GyroFilter
 from vehicle_sim.frames import rotation_matrix, yaw_of
-from vehicle_sim.parameters import Parameters
+from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.physics.rigid_body import RigidBodies
+from vehicle_sim.px4_version import DEFAULT, Px4Version
 from vehicle_sim.simulation import STEP_S
+from vehicle_sim.state import FlightMoment
 
 Values = NDArray[np.float64]
 
@@ -63,14 +65,15 @@ class Track:
 class RecordedParameters(Parameters):
     """Parameters that know which of them were read."""
 
-    def __init__(self, overrides: Mapping[str, float]) -> None:
+    def __init__(self, overrides: Mapping[str, float], px4: Px4Version = DEFAULT) -> None:
         self.used: set[str] = set()
-        super().__init__({name: value for name, value in overrides.items() if name in Parameters()})
+        known = Parameters(px4=px4)
+        super().__init__({name: value for name, value in overrides.items() if name in known}, px4=px4)
 
-    def finite_value(self, name: str) -> float:
-        """The value that the simulation uses; see the base class."""
+    def get(self, name: str) -> ParameterValue:
+        """The value; see the base class."""
         self.used.add(name)
-        return super().finite_value(name)
+        return super().get(name)
 
 
 class Rerun:
@@ -133,11 +136,7 @@ class Rerun:
         Raises:
             NotFlyable: the vehicle is not armed and in the air then.
         """
-        flight, start = self._flight, self._flight.first_after(from_s)
-        if start >= len(flight.t_s) or flight.landed[start] or flight.level[start] == ControlLevel.DISARMED:
-            raise NotFlyable(f"The vehicle is not in the air at {from_s:.1f} s.")
-        for n in range(start):
-            self._see(n)
+        flight, start = self._flight, self._settle(from_s)
         self._configure(CHANGED, self._stores[CHANGED])
         self._begin(start)
         count = flight.landing_after(start) - start
@@ -161,6 +160,30 @@ class Rerun:
             self._control(start + n, self._moved_ned_m)
             self._bodies.step(self._cascade.motor_signal, self._health)
         return tracks[0], tracks[1]
+
+    def moment(self, from_s: float) -> FlightMoment:
+        """The logged moment, with the controllers' integrals. Raises NotFlyable as `fly`."""
+        self._begin(self._settle(from_s))
+        state, cascade = self._bodies.state, self._cascade
+        return FlightMoment(
+            position_ned_m=state.position_ned_m[AS_IT_WAS],
+            velocity_ned_m_s=state.velocity_ned_m_s[AS_IT_WAS],
+            q_ned_frd=state.q_ned_frd[AS_IT_WAS],
+            rates_frd_rad_s=state.rates_frd_rad_s[AS_IT_WAS],
+            rotor_thrust=state.rotor_thrust[AS_IT_WAS],
+            velocity_integral=cascade.position.velocity_integral[AS_IT_WAS],
+            rate_integral=cascade.rate.integral[AS_IT_WAS],
+            hover_thrust=float(cascade.hover.value[AS_IT_WAS]),
+        )
+
+    def _settle(self, from_s: float) -> int:
+        """The controllers see the flight before; returns the index of its first sample at or after a time."""
+        flight, start = self._flight, self._flight.first_after(from_s)
+        if start >= len(flight.t_s) or flight.landed[start] or flight.level[start] == ControlLevel.DISARMED:
+            raise NotFlyable(f"The vehicle is not in the air at {from_s:.1f} s.")
+        for n in range(start):
+            self._see(n)
+        return start
 
     def _see(self, n: int) -> None:
         """The controllers see sample `n`; the position controller's integral approaches the logged one."""

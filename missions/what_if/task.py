@@ -10,7 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.what_if.flight import LoggedFlight, NotFlyable
+from missions.errors import PlanError
+from missions.plan import read
+from missions.what_if.autopilot import AutopilotChange, AutopilotFlights, Flown, mode_name
+from missions.what_if.changed_plan import ItemChange
+from missions.what_if.flight import LoggedAutopilot, LoggedFlight, NotFlyable
 from missions.what_if.identified import Identified
 from missions.what_if.model import BODY, Model, body_parameters, identify
 from missions.what_if.rerun import ALL_WORK, NOT_MOVED, Change, Rerun, Track
@@ -49,14 +53,99 @@ def run(flight: LoggedFlight, from_s: float, change: Change) -> dict[str, Any]:
         "logged": _track(logged, every),
         "unchanged": _track(tracks[0], every),
         "changed": _track(tracks[1], every),
-        "error_m": _rounded(error_m[::every], 3),
-        "error_deg": _rounded(error_deg[::every], 2),
-        "max_error_m": round(float(error_m.max()), 3),
-        "max_error_deg": round(float(error_deg.max()), 2),
+        **_errors(error_m[::every], error_deg[::every]),
         "wind_ned_m_s": [round(each, 2) for each in wind],
         "source": source,
         "model": {name: asdict(each) for name, each in _found(model).items()},
         "notes": list(flight.notes),
+    }
+
+
+def run_autopilot(
+    flight: LoggedFlight,
+    logged: LoggedAutopilot,
+    plan: str | None,
+    from_s: float,
+    duration_s: float,
+    request: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Flies on from a time with the simulated PX4, until both vehicles have landed or for a duration.
+
+    Args:
+        flight: the logged flight, as far as it goes.
+        logged: what its autopilot was doing at the time.
+        plan: the flown plan as JSON; None: not known.
+        from_s: the time [s since the log's start].
+        duration_s: longest duration.
+        request: as for `change_from`, and `battery_percent` (or null), `lost`, and `item` (fields of
+            `ItemChange`, or null).
+
+    Returns:
+        As `run`; each track is as long as its flight, `t_s` as the longest. The tracks have `modes` and
+        `warnings`, each with a time and a text.
+
+    Raises:
+        NotFlyable: the text says why.
+    """
+    parameters, model, source = _aircraft(flight)
+    wind = _wind(model)
+    percent, item = request["battery_percent"], request["item"]
+    more = AutopilotChange(
+        battery_share=None if percent is None else percent / 100.0,
+        lost=frozenset(request["lost"]),
+        item=None if item is None else ItemChange(**item),
+    )
+    try:
+        known = None if plan is None else read(plan)
+    except PlanError as error:
+        raise NotFlyable(str(error), "plan") from error
+    flights = AutopilotFlights(flight, logged, known, parameters, wind, change_from(request), more)
+    flown = flights.fly(from_s, duration_s)
+    start = flight.first_after(from_s)
+    part = slice(start, flight.landing_after(start), round(OUTPUT_S / STEP_S))
+    as_logged = Track(flight.position_ned_m[part], flight.velocity_ned_m_s[part], flight.q_ned_frd[part])
+    unchanged = flown[0].track
+    both = min(len(as_logged.position_ned_m), len(unchanged.position_ned_m))
+    error_m = np.linalg.norm(unchanged.position_ned_m[:both] - as_logged.position_ned_m[:both], axis=1)
+    error_deg = _angle_deg(unchanged.q_ned_frd[:both], as_logged.q_ned_frd[:both])
+    longest = max(len(as_logged.position_ned_m), *(len(each.positions_ned_m) for each in flown))
+    began_s = float(flight.t_s[start])
+    names = ("unchanged", "changed")
+    return {
+        "t_s": [round(began_s + OUTPUT_S * n, 3) for n in range(longest)],
+        "logged": _track(as_logged, 1),
+        **{name: _autopilot_track(each, began_s) for name, each in zip(names, flown, strict=True)},
+        **_errors(error_m, error_deg),
+        "wind_ned_m_s": [round(each, 2) for each in wind],
+        "source": source,
+        "model": {name: asdict(each) for name, each in _found(model).items()},
+        "notes": [*flights.notes, *_mode_notes(logged)],
+    }
+
+
+def _autopilot_track(flown: Flown, began_s: float) -> dict[str, Any]:
+    said = {"modes": flown.modes, "warnings": flown.warnings}
+    return _track(flown.track, 1) | {
+        name: [{"t_s": round(began_s + t_s, 2), "text": text} for t_s, text in each]
+        for name, each in said.items()
+    }
+
+
+def _mode_notes(logged: LoggedAutopilot) -> list[str]:
+    """What the log's flight was told later."""
+    if logged.switched is None:
+        return []
+    t_s, nav_state = logged.switched
+    name = mode_name(nav_state)
+    return [f"At {t_s:.1f} s the vehicle was switched to {name}; that is not flown again."]
+
+
+def _errors(error_m: Values, error_deg: Values) -> dict[str, Any]:
+    return {
+        "error_m": _rounded(error_m, 3),
+        "error_deg": _rounded(error_deg, 2),
+        "max_error_m": round(float(error_m.max()), 3),
+        "max_error_deg": round(float(error_deg.max()), 2),
     }
 
 

@@ -1,6 +1,7 @@
 """Flights over HTTP: listed, added in parts, read, plotted and deleted; bad files and names are refused in
 words, and the oldest files make room for new ones, which is said."""
 
+import json
 import math
 import os
 import sqlite3
@@ -8,7 +9,9 @@ import sqlite3
 import pytest
 
 from gcs_server.logbook import uploads
+from missions.plan import write
 from tests.support.api_client import api_client
+from tests.support.flown_mission import flown_mission, square
 from tests.unit.gcs_server.logbook.generated_ulogs import UTC_US, ulog
 from tests.unit.gcs_server.replay.generated_logs import BEGIN_US, flight, log_bytes
 
@@ -250,10 +253,50 @@ def test_a_log_that_cannot_be_flown_again_says_why(client):
         {"from_s": 1.0, "parameters": {"lower case": 1.0}},
         {"from_s": 1.0, "wind_ned_m_s": [1.0, 2.0]},
         {"from_s": 1.0, "motor_health": [1.0, 1.0, 1.0, 2.0]},
+        {"from_s": 1.0, "duration_s": 121.0},
+        {"from_s": 1.0, "lost": ["gps"]},
+        {"from_s": 1.0, "battery_percent": 0.0},
+        {"from_s": 1.0, "item": {"number": 1}},
+        {"from_s": 1.0, "flown_by": "pilot"},
+        {"from_s": 1.0, "flown_by": "autopilot", "lost": ["wings"]},
+        {"from_s": 1.0, "flown_by": "autopilot", "battery_percent": 101.0},
+        {"from_s": 1.0, "flown_by": "autopilot", "item": {"number": 0}},
+        {"from_s": 1.0, "flown_by": "autopilot", "item": {"number": 1, "then": "vanish"}},
+        {"from_s": 1.0, "flown_by": "autopilot", "plan": "../secret"},
     ):
         response = client.post(f"{API}/flights/{flight_id}/rerun", json=body)
         assert response.status_code == 422, body
-    assert client.post(f"{API}/flights/unknown/rerun", json={"from_s": 1.0}).status_code == 404
+    by_autopilot = {"from_s": 1.0, "flown_by": "autopilot"}
+    response = client.post(f"{API}/flights/{flight_id}/rerun", json=by_autopilot)
+    assert (response.status_code, "home_position" in response.text) == (422, True)
+    response = client.post(f"{API}/flights/{flight_id}/rerun", json=by_autopilot | {"plan": "0" * 12})
+    assert response.status_code == 404
+    for body in ({"from_s": 1.0}, by_autopilot):
+        assert client.post(f"{API}/flights/unknown/rerun", json=body).status_code == 404
+    delete(client, flight_id)
+
+
+@pytest.mark.flight
+def test_the_simulated_px4_flies_on_with_a_plan_of_this_server(client, tmp_path):
+    _, moment_s = flown_mission(tmp_path, square(), until_item=2, fly_on_s=6.0)
+    (log,) = tmp_path.rglob("*.ulg")
+    flight_id = add(client, "mission.ulg", log.read_bytes(), part_bytes=1_000_000)
+    url, body = f"{API}/flights/{flight_id}/rerun", {"from_s": moment_s, "flown_by": "autopilot"}
+    unknown = client.post(url, json=body)
+    assert (unknown.status_code, unknown.json()["field"]) == (422, "plan")
+    assert "does not know the plan" in unknown.json()["detail"]
+    document = json.loads(write(square()))
+    plan = client.post(f"{API}/plans", json={"name": "square", "plan": document}).json()["id"]
+    body |= {"plan": plan, "duration_s": 6.0}
+    refused = client.post(url, json=body | {"item": {"number": 9}})
+    assert (refused.status_code, refused.json()["field"]) == (422, "item")
+    answer = client.post(url, json=body | {"battery_percent": 3.0, "parameters": {"COM_LOW_BAT_ACT": 2}})
+    assert answer.status_code == 200, answer.text
+    result = answer.json()
+    assert result["max_error_m"] < 0.5
+    assert [each["text"] for each in result["unchanged"]["modes"]] == ["Mission"]
+    assert "Land" in [each["text"] for each in result["changed"]["modes"]]
+    assert result["changed"]["warnings"]
     delete(client, flight_id)
 
 

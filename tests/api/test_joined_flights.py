@@ -173,3 +173,17 @@ def test_damaged_notes_and_names_cost_only_themselves(data):
         flights = by_vehicle(read_all(client))
         record = client.get(f"{API}/flights/{flights['7']['id']}/joined").json()
         assert (len(record["flight"]["parts"]), record["commands"]) == (2, [])
+
+
+def test_what_if_takes_the_plan_that_was_noted_with_the_flight(data):
+    add_recording(data)
+    add_log(data)
+    head, details = notes()
+    noted = details.replace(b'"id": null, "version": null', b'"id": "0123456789ab", "version": 3')
+    NotesStore(data / "flight_notes").write(head, noted)
+    with api_client(data) as client:
+        flight = by_vehicle(read_all(client))["7"]
+        body = {"from_s": flight["parts"][0]["begin_s"] + 1.0, "flown_by": "autopilot"}
+        gone = client.post(f"{API}/flights/{flight['parts'][0]['file']}/rerun", json=body)
+        assert gone.status_code == 404
+        assert "no plan '0123456789ab'" in gone.json()["detail"]

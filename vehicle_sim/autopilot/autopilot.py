@@ -34,7 +34,7 @@ from vehicle_sim.external_modes.registry import is_external
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.home import Home
 from vehicle_sim.payload.gimbal import Gimbal
-from vehicle_sim.vehicle_view import VehicleView
+from vehicle_sim.vehicle_view import Vector, VehicleView
 
 AUTO_DESCENT_FACTOR = 1.2
 """The position controller may descend at this factor times MPC_Z_V_AUTO_DN in automatic modes."""
@@ -337,6 +337,20 @@ class Autopilot:
             and self.view.simulation.takes_foreign_trajectory
         ):
             self._write_trajectory(setpoint)
+
+    def fly_on(self, mode: NavState, trajectory_ned: tuple[Vector, Vector, Vector]) -> bool:
+        """Flies on in a mode after `Simulation.place_in_flight`, from the trajectory's position [m], velocity
+        [m/s] and acceleration [m/s²] (NaN: from the vehicle's).
+
+        Returns:
+            False if the mode cannot run.
+        """
+        self.steady = False
+        self.commander.home.on_moved()
+        self._setpoints.trajectory(*trajectory_ned, yaw_ned_rad=self.view.estimate.yaw_ned_rad)
+        if mode is NavState.HOLD:  # in which a vehicle may already be
+            self.navigator.enter(mode, mode, in_air=True)
+        return self.commander.set_mode(mode)
 
     def receive_goto(self, goto: Goto) -> None:
         """Handles GotoSetpoint, which overrides the setpoints of every mode that controls the position."""

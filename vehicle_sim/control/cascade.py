@@ -22,7 +22,7 @@ from vehicle_sim.kernels import Column, Flags, Integers, Rows, kernel
 from vehicle_sim.masks import any_nonzero, any_of
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.rotations import constrain
-from vehicle_sim.state import ROTOR_COUNT, EstimateState, TargetState
+from vehicle_sim.state import ROTOR_COUNT, EstimateState, FlightMoment, TargetState
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -87,6 +87,12 @@ class Cascade:
         """Reads all control parameters of vehicle `i`."""
         for controller in (self._allocation, self.position, self.hover, self._attitude, self.rate):
             controller.configure(i, parameters)
+
+    def place(self, i: int, moment: FlightMoment) -> None:
+        """Gives the controllers of vehicle `i` the memory of a moment of a flight."""
+        self.position.place(i, moment.velocity_ned_m_s, moment.velocity_integral)
+        self.rate.integral[i] = moment.rate_integral
+        self.hover.value[i] = moment.hover_thrust
 
     def update(self, setpoints: Setpoints, estimate: EstimateState) -> None:
         """Runs one step; results are in `motor_signal`, `motors_us` and `target`."""

@@ -78,6 +78,11 @@ class PositionControl:
         self._velocity_decay[i] = 1.0 - _low_pass_gain(value("MPC_VEL_LP"), self._dt_s)
         self._derivative_gain[i] = _low_pass_gain(value("MPC_VELD_LP"), self._dt_s)
 
+    def place(self, i: int, velocity_ned_m_s: FloatArray, integral: FloatArray) -> None:
+        """Sets filtered velocity and integral of vehicle `i`, which was moved."""
+        self._velocity[i], self._velocity_derivative[i] = velocity_ned_m_s, 0.0
+        self.velocity_integral[i] = integral
+
     def filter_velocity(self, estimate: EstimateState) -> None:
         """Updates the filtered velocity and its derivative; call it even if no position is controlled."""
         _filter_velocity(

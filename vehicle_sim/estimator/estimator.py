@@ -185,6 +185,21 @@ class Estimator:
         """Stores an external position, velocity or heading of vehicle `i` for the next fusion."""
         self._vision.add_sample(i, sample)
 
+    def place(
+        self, i: int, position_ned_m: FloatArray, velocity_ned_m_s: FloatArray, q_ned_frd: FloatArray
+    ) -> None:
+        """Sets the estimated motion of vehicle `i`, which was moved; uncertainty and biases stay, and its
+        heading is estimated without a magnetometer from the beginning."""
+        state, kalman = self.state, self.kalman
+        kalman.position[i] = state.position_ned_m[i] = position_ned_m
+        kalman.velocity[i] = state.velocity_ned_m_s[i] = velocity_ned_m_s
+        state.q_ned_frd[i] = q_ned_frd
+        kalman.matrix[:] = rotation_matrix(state.q_ned_frd)
+        state.heading_rad[i] = heading(state.q_ned_frd[i])
+        self._output_offset[i] = 0.0
+        self._yaw_estimator.stop(np.arange(len(self._aligned)) == i)
+        self._publish()
+
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Sets the local origin of vehicle `i`; its global position does not change."""
         state = self.state

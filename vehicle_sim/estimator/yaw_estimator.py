@@ -69,7 +69,7 @@ class YawEstimator:
         """(3, N, 5) variances, a view of the covariance."""
         self._weights = np.full((count, HYPOTHESES), 1.0 / HYPOTHESES)
 
-    def _stop(self, mask: BoolArray) -> None:
+    def stop(self, mask: BoolArray) -> None:
         """Stops the hypotheses and resets their attitude to the main filter's attitude."""
         np.copyto(self._q, self._main_q, where=mask[:, None])
         self._matrix[:] = rotation_matrix(self._q)
@@ -109,7 +109,7 @@ class YawEstimator:
         dt_s, self._unfused_s = self._unfused_s, 0.0
         self._advance(dt_s)
         if (self._running & ~in_air).any():
-            self._stop(self._running & ~in_air)
+            self.stop(self._running & ~in_air)
         starting = fresh & in_air & ~self._running
         if starting.any():
             self._start(starting, velocity_ne, variance)
@@ -118,7 +118,7 @@ class YawEstimator:
             self._correct_hypotheses(updated, velocity_ne, variance)
 
     def _start(self, starting: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
-        self._stop(starting)
+        self.stop(starting)
         self._running |= starting
         self._weights[starting] = 1.0 / HYPOTHESES
         self._states[:2, starting] = velocity_ne[starting].T[:, :, None]

@@ -14,7 +14,7 @@ from vehicle_sim.airframe import Airframe
 from vehicle_sim.frames import GRAVITY_M_S2, cross_table, quaternion_from_yaw, rotation_matrix
 from vehicle_sim.kernels import Blocks, Column, Flags, Rows, kernel
 from vehicle_sim.rotations import rotate_attitude, write_matrix
-from vehicle_sim.state import ROTOR_COUNT, TruthState
+from vehicle_sim.state import ROTOR_COUNT, FlightMoment, TruthState
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -82,6 +82,17 @@ class RigidBodies:
             rows[i] = 0.0
         state.q_ned_frd[i] = quaternion_from_yaw(np.array([yaw_ned_rad]))[0]
         state.on_ground[i] = state.position_ned_m[i, 2] >= self.ground_down_m[i]
+        self.matrix[:] = rotation_matrix(state.q_ned_frd)
+
+    def place_in_flight(self, i: int, moment: FlightMoment) -> None:
+        """Gives vehicle `i` the motion of a moment of a flight."""
+        state = self.state
+        state.position_ned_m[i] = moment.position_ned_m
+        state.velocity_ned_m_s[i] = moment.velocity_ned_m_s
+        state.q_ned_frd[i] = moment.q_ned_frd
+        state.rates_frd_rad_s[i] = moment.rates_frd_rad_s
+        state.rotor_thrust[i] = moment.rotor_thrust
+        state.on_ground[i] = False
         self.matrix[:] = rotation_matrix(state.q_ned_frd)
 
     def set_attitude(self, i: int, q_ned_frd: FloatArray) -> None:

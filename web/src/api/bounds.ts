@@ -45,6 +45,10 @@ export const BOUNDS = {
     image_width_px: {"min":1,"max":1000000},
     image_height_px: {"min":1,"max":1000000},
   },
+  ChangedItem: {
+    number: {"min":1,"max":10000},
+    speed_m_s: {"above":0,"max":30},
+  },
   ChangedPlan: {
     base_version: {"min":1},
   },
@@ -358,7 +362,8 @@ export const BOUNDS = {
   },
   RerunRequest: {
     from_s: {"min":0,"max":1000000},
-    duration_s: {"min":1,"max":120},
+    duration_s: {"min":1,"max":600},
+    battery_percent: {"min":0,"max":100},
   },
   ResumeRequest: {
     item: {"min":0,"max":10000},

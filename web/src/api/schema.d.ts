@@ -3723,10 +3723,10 @@ export interface paths {
         readonly put?: never;
         /**
          * Rerun Flight
-         * @description Flies a part of a quadrotor's ULog again, from its logged state with its logged setpoints: once as it
-         *     was, which says how much to trust it, and once with other parameters, wind, moved setpoints or a failed
-         *     motor. What makes
-         *     the setpoints (modes, missions, failsafes) is not flown again.
+         * @description Flies a part of a quadrotor's ULog again from its logged state: once as it was, which says how much to
+         *     trust it, and once with a change. With the logged setpoints, what makes them (modes, missions, failsafes)
+         *     is not flown again; the simulated PX4 (`flown_by`: `autopilot`) flies on in Mission, Hold, Return and Land
+         *     and makes them itself.
          */
         readonly post: operations["rerun_flight_api_v1_flights__f__rerun_post"];
         readonly delete?: never;
@@ -4708,6 +4708,32 @@ export interface components {
              * @default -1
              */
             readonly throttle_percent: number | null;
+        };
+        /**
+         * ChangedItem
+         * @description What is different at one item of the flown plan.
+         */
+        readonly ChangedItem: {
+            /**
+             * Number
+             * @description The item, from 1; a pattern is one item. The vehicle had not passed it.
+             */
+            readonly number: number;
+            /**
+             * Moved Ned M
+             * @description What is added to its position [m]; null: it is where it was.
+             */
+            readonly moved_ned_m?: readonly number[] | null;
+            /**
+             * Speed M S
+             * @description Speed over ground from this item on; null: as planned.
+             */
+            readonly speed_m_s?: number | null;
+            /**
+             * Then
+             * @description What follows it; null: the next item.
+             */
+            readonly then?: ("return" | "hold" | "land") | null;
         };
         /**
          * ChangedPlan
@@ -15510,6 +15536,22 @@ export interface components {
             readonly reason?: string | null;
         };
         /**
+         * RerunEvent
+         * @description A mode or a warning of a vehicle that PX4 flies.
+         */
+        readonly RerunEvent: {
+            /**
+             * T S
+             * @description Time [s since the log's start].
+             */
+            readonly t_s: number;
+            /**
+             * Text
+             * @description The mode that became active, or the warning.
+             */
+            readonly text: string;
+        };
+        /**
          * RerunRequest
          * @description A part of a flight, and what is different when it is flown again.
          * @example {
@@ -15528,16 +15570,44 @@ export interface components {
             readonly from_s: number;
             /**
              * Duration S
-             * @description Duration [s]; the rerun ends earlier where the vehicle landed or the log ends.
+             * @description Duration [s], with `setpoints` up to 120; it ends earlier where the vehicle has landed, with
+             *     `setpoints` also where it landed in the log or the log ends.
              */
             readonly duration_s?: number;
             /**
              * Parameters
-             * @description Parameters with other values: of control (MC_*, MPC_* of gains and limits) or of the body (SIH_*).
+             * @description Parameters with other values: of control (MC_*, MPC_* of gains and limits) or of the body (SIH_*); with
+             *     `autopilot` all that the simulated PX4 has: failsafes (COM_LOW_BAT_ACT, NAV_DLL_ACT, GF_ACTION), Return
+             *     (RTL_*), missions (MIS_*).
              */
             readonly parameters?: {
                 readonly [key: string]: number;
             };
+            /**
+             * Flown By
+             * @description `setpoints`: the logged setpoints are followed; `autopilot`: the simulated PX4 flies on in the logged
+             *     mode (Mission, Hold, Return or Land), with its plan, and makes the setpoints.
+             * @enum {string}
+             */
+            readonly flown_by?: "setpoints" | "autopilot";
+            /**
+             * Plan
+             * @description Id of the waypoint plan that was flown; null: the one that this server noted of the flight.
+             */
+            readonly plan?: string | null;
+            /**
+             * Battery Percent
+             * @description Other charge at the begin, with `autopilot`; null: as logged.
+             */
+            readonly battery_percent?: number | null;
+            /**
+             * Lost
+             * @description What is lost at the begin, with `autopilot`: `data_link`, `manual_control` (which the vehicle had until
+             *     then), `gps`.
+             */
+            readonly lost?: readonly ("data_link" | "manual_control" | "gps")[];
+            /** @description A changed item of the plan, with `autopilot` in Mission; null: none. */
+            readonly item?: components["schemas"]["ChangedItem"] | null;
             /**
              * Wind Ned M S
              * @description Other steady wind [m/s], the direction it blows to; null: the one found in the log.
@@ -15562,7 +15632,7 @@ export interface components {
         readonly RerunResult: {
             /**
              * T S
-             * @description Times [s since the log's start], of all tracks.
+             * @description Times [s since the log's start], of all tracks; a track that ended earlier has fewer samples.
              */
             readonly t_s: readonly number[];
             /** @description As the vehicle estimated it. */
@@ -15637,6 +15707,16 @@ export interface components {
              * @description Roll, pitch, yaw.
              */
             readonly attitude_deg: readonly (readonly number[])[];
+            /**
+             * Modes
+             * @description Modes, the first at the begin; empty with the logged setpoints.
+             */
+            readonly modes?: readonly components["schemas"]["RerunEvent"][];
+            /**
+             * Warnings
+             * @description Warnings of the vehicle; empty with the logged setpoints.
+             */
+            readonly warnings?: readonly components["schemas"]["RerunEvent"][];
         };
         /**
          * RestartRequest

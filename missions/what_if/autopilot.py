@@ -1,0 +1,337 @@
+"""Flies on from a moment of a logged flight with the simulated PX4, which makes the setpoints itself: row 0
+with what the log had, row 1 with changes.
+
+Both vehicles take off at home and are then moved to the logged moment: motion, integrals of the controllers,
+trajectory, battery, parameters, wind, mode and mission item are those of the log. Their sensors have no
+noise. What came from outside later (commands, sticks, lost links) is not flown again; the ground is level at
+home.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from missions.dry_run.fleet import SEVERITY_WARNING, TICK_S, Vehicle
+from missions.dry_run.setup import USED_PARAMETERS_OF_SIMULATED, release_name, simulated_release
+from missions.dry_run.waypoints import StoredPlan
+from missions.errors import PlanError
+from missions.plan import Plan
+from missions.what_if.changed_plan import ItemChange, changed_plan
+from missions.what_if.flight import LoggedAutopilot, LoggedFlight, NotFlyable
+from missions.what_if.rerun import CHANGED, Change, RecordedParameters, Rerun, Track
+from vehicle_sim.autopilot.announcer import Event, StatusText
+from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.modes import MODES, NavState
+from vehicle_sim.fleet import SimulatedFleet
+from vehicle_sim.parameters import Parameters
+from vehicle_sim.px4_version import VERSIONS
+from vehicle_sim.simulation import SimulationOrigin
+from vehicle_sim.state import FlightMoment, TruthState, Vector
+
+Values = NDArray[np.float64]
+
+MODES_FLOWN = (NavState.MISSION, NavState.HOLD, NavState.RTL, NavState.LAND)
+"""Modes that can be begun at any moment of them."""
+FROM_LOG = (*USED_PARAMETERS_OF_SIMULATED, "CBRK_FLIGHTTERM", "COM_*", "FD_*", "HTE_*", "NAV_*")
+NOT_OF_REAL = ("EKF2_*", "IMU_*", "SIM_*")
+"""Of `FROM_LOG`, those that only a simulated vehicle's log gives."""
+FROM_BOOT = ("CA_ROTOR*", "MC_*", "MPC_THR_*", "SIH_*")
+"""Parameters with which the vehicles already take off."""
+TAKEOFF_WITHIN_S, HOVER_S = 90.0, 4.0
+MIN_HEIGHT_M = 0.2
+"""Above home."""
+EVERY_TICKS = 5
+"""A sample is taken every so many ticks: 10 Hz."""
+Losable = Literal["data_link", "manual_control", "gps"]
+LOSABLE: tuple[Losable, ...] = get_args(Losable)
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotChange:
+    """What else is different in the changed flight from the moment on."""
+
+    battery_share: float | None = None
+    """Charge at the moment, 0 to 1; None: as logged."""
+    lost: frozenset[Losable] = frozenset()
+    item: ItemChange | None = None
+
+
+@dataclass(slots=True)
+class Flown:
+    """One flight from the moment on, in the local frame of the log; a sample each 0.1 s."""
+
+    positions_ned_m: list[Values] = field(default_factory=list["Values"])
+    velocities_ned_m_s: list[Values] = field(default_factory=list["Values"])
+    attitudes_ned_frd: list[Values] = field(default_factory=list["Values"])
+    modes: list[tuple[float, str]] = field(default_factory=list[tuple[float, str]])
+    """Times since the moment [s], and modes that became active."""
+    warnings: list[tuple[float, str]] = field(default_factory=list[tuple[float, str]])
+    """Times since the moment [s], and warnings of the vehicle."""
+
+    def note_mode(self, autopilot: Autopilot, t_s: float) -> None:
+        """Notes the mode of an armed vehicle, if it has changed."""
+        mode = MODES[autopilot.commander.active].name
+        if autopilot.commander.armed and (not self.modes or self.modes[-1][1] != mode):
+            self.modes.append((round(t_s, 2), mode))
+
+    def sample(self, truth: TruthState, row: int, home_ned_m: Values) -> None:
+        """Adds a sample."""
+        self.positions_ned_m.append(truth.position_ned_m[row] + home_ned_m)
+        self.velocities_ned_m_s.append(truth.velocity_ned_m_s[row].copy())
+        self.attitudes_ned_frd.append(truth.q_ned_frd[row].copy())
+
+    @property
+    def track(self) -> Track:
+        """What the vehicle did."""
+        return Track(*map(np.array, (self.positions_ned_m, self.velocities_ned_m_s, self.attitudes_ned_frd)))
+
+
+class AutopilotFlights:
+    """The two flights.
+
+    Args:
+        flight: the logged flight, from some seconds before the moment to a moment after it.
+        logged: what its autopilot was doing at the moment.
+        plan: the flown plan; None: not known.
+        parameters: of the aircraft, including the model of its body (SIH_*).
+        wind_ned_m_s: steady wind of the logged flight.
+        change, more: what is different in row 1.
+
+    Raises:
+        NotFlyable: the vehicle is not in a mode that can be flown on, its plan is not known, or the change
+            is none here.
+    """
+
+    def __init__(
+        self,
+        flight: LoggedFlight,
+        logged: LoggedAutopilot,
+        plan: Plan | None,
+        parameters: Mapping[str, float],
+        wind_ned_m_s: tuple[float, float, float],
+        change: Change,
+        more: AutopilotChange,
+    ) -> None:
+        self._flight, self._logged, self._plan = flight, logged, plan
+        self._parameters, self._wind = parameters, wind_ned_m_s
+        self._change, self._more = change, more
+        self.mode = _mode(logged.nav_state)
+        self.notes: list[str] = []
+        self._plans = (self._stored(None), self._stored(more.item))
+        self._px4 = VERSIONS[release_name(simulated_release(logged.release))]
+        self._check_change()
+
+    def _check_change(self) -> None:
+        known = Parameters(px4=self._px4)
+        unknown = sorted(name for name in self._change.parameters if name not in known)
+        if unknown:
+            text = f"{unknown[0]} is not a parameter of the simulated PX4 v{self._px4.name}."
+            raise NotFlyable(text, "parameters")
+        if any(self._change.moved_ned_m):
+            text = "The simulated PX4 makes its own setpoints; move a plan item instead."
+            raise NotFlyable(text, "moved_ned_m")
+
+    def _stored(self, item: ItemChange | None) -> tuple[StoredPlan, int] | None:
+        """The plan as the vehicle stores it, and the index of its current item."""
+        plan, current, in_mission = self._plan, self._logged.mission_item, self.mode is NavState.MISSION
+        if not in_mission and item is not None:
+            text = f"The vehicle flew in {MODES[self.mode].name} then, in which no plan item is flown."
+            raise NotFlyable(text, "item")
+        if plan is None:
+            if in_mission:
+                raise NotFlyable("This server does not know the plan that was flown.", "plan")
+            return None
+        if in_mission and current is None:
+            raise NotFlyable("The log does not say at which item the mission was (mission_result).", "plan")
+        current = current or 0
+        count = sum(1 for _ in plan.simple_items())
+        if in_mission and current >= count:
+            text = f"The plan has {count} items and the log was at item {current + 1}: it is another plan."
+            raise NotFlyable(text, "plan")
+        try:
+            changed = plan if item is None else changed_plan(plan, item, current)
+            return StoredPlan.from_plan(changed), current
+        except PlanError as error:
+            raise NotFlyable(str(error), "plan" if item is None else "item") from error
+
+    def fly(self, from_s: float, duration_s: float) -> tuple[Flown, Flown]:
+        """Flies until both have landed and disarmed, or for `duration_s`.
+
+        Raises:
+            NotFlyable: the vehicle is not in the air then, or the simulated PX4 refuses the plan or the mode.
+        """
+        moment, trajectory = self._moment(from_s)
+        boot = {n: v for n, v in self._parameters.items() if _matches(n, FROM_BOOT)}
+        stores = [RecordedParameters(boot, self._px4) for _ in range(2)]
+        logged = self._logged
+        sim = SimulatedFleet(
+            2, links=(), stores=stores, sensor_noise=False, start_ned_m=np.zeros((2, 3)),
+            origin=SimulationOrigin(logged.home_lat_deg, logged.home_lon_deg, logged.home_alt_amsl_m),
+        )  # fmt: skip
+        links = _Links(sim, self._more.lost)
+        _take_off(sim, links)
+        vehicles = [Vehicle(*each) for each in zip(sim.autopilots, sim.nodes, strict=True)]
+        for row, vehicle in enumerate(vehicles):
+            self._begin(sim, row, moment)
+            if not vehicle.autopilot.fly_on(self.mode, trajectory):
+                name = MODES[self.mode].name
+                text = f"The simulated PX4 does not fly on in {name}: {vehicle.last_warning}."
+                raise NotFlyable(text, "item" if row == CHANGED and self._more.item else "plan")
+            stores[row].used.clear()
+        self._cause(sim, links)
+        flown = self._run(sim, links, duration_s)
+        for name in sorted(set(self._change.parameters) - stores[CHANGED].used):
+            self.notes.append(f"The simulated PX4 did not use {name} in this part: it changes nothing.")
+        return flown
+
+    def _moment(self, from_s: float) -> tuple[FlightMoment, tuple[Vector, Vector, Vector]]:
+        """The logged moment and the trajectory's setpoint, from home."""
+        flight, home_ned_m = self._flight, self._logged.home_ned_m
+        moment = Rerun(flight, self._parameters, self._wind, Change({})).moment(from_s)
+        start = flight.first_after(from_s)
+        trajectory = (
+            _vector(flight.target_position_ned_m[start] - home_ned_m),
+            _vector(flight.target_velocity_ned_m_s[start]),
+            _vector(flight.target_acceleration_ned_m_s2[start]),
+        )
+        position_ned_m = moment.position_ned_m - home_ned_m
+        if position_ned_m[2] > -MIN_HEIGHT_M:
+            raise NotFlyable("The vehicle is not above the height of its home then: the ground is there.")
+        return replace(moment, position_ned_m=position_ned_m), trajectory
+
+    def _begin(self, sim: SimulatedFleet, row: int, moment: FlightMoment) -> None:
+        """Gives a vehicle the logged moment, and what its autopilot had then."""
+        simulation, autopilot, logged = sim.simulation, sim.autopilots[row], self._logged
+        simulated = "SIH_MASS" in self._flight.parameters
+        store = simulation.parameters[row]
+        for name, value in self._flight.parameters.items():
+            usable = _matches(name, FROM_LOG) and (simulated or not _matches(name, NOT_OF_REAL))
+            if usable and name in store and math.isfinite(value):
+                store.set(name, value)
+        if logged.battery is not None and not simulated:
+            endurance_s = logged.battery.endurance_s
+            store.set("SIM_BAT_ENABLE", endurance_s is not None)
+            store.set("SIM_BAT_DRAIN", endurance_s or 0.0)
+            store.set("SIM_BAT_MIN_PCT", 0.0)
+        if row == CHANGED:
+            for name, value in self._change.parameters.items():
+                store.set(name, value)
+        problem = simulation.reload_parameters(row)
+        if problem is not None:
+            raise NotFlyable(f"{problem}.", "parameters")
+        wind = self._wind if row != CHANGED else self._change.wind_ned_m_s or self._wind
+        simulation.set_wind(np.array(wind), row)
+        if logged.battery is not None:
+            simulation.set_battery_remaining(row, logged.battery.share)
+        stored = self._plans[row]
+        if stored is not None:
+            plan, current = stored
+            for mission_type, items in plan.parts:
+                autopilot.plans.store(mission_type, items)
+            autopilot.navigator.mission.set_current(current)
+        simulation.place_in_flight(row, moment)
+
+    def _cause(self, sim: SimulatedFleet, links: _Links) -> None:
+        """What happens to the changed vehicle at the moment."""
+        more, simulation = self._more, sim.simulation
+        simulation.motor_health[CHANGED] = self._change.motor_health
+        if more.battery_share is not None:
+            simulation.set_battery_remaining(CHANGED, more.battery_share)
+        if "gps" in more.lost:
+            simulation.set_gps_enabled(CHANGED, False)
+        links.up[CHANGED] = False
+
+    def _run(self, sim: SimulatedFleet, links: _Links, duration_s: float) -> tuple[Flown, Flown]:
+        begin_s = sim.time_s
+        flown = Flown(), Flown()
+        for each, autopilot in zip(flown, sim.autopilots, strict=True):
+            autopilot.announcer.add_listener(_warnings_of(each, sim, begin_s))
+        running = {row: sim.autopilots[row] for row in range(2)}
+        for tick in range(round(duration_s / TICK_S) + 1):
+            for row, autopilot in running.items():
+                flown[row].note_mode(autopilot, sim.time_s - begin_s)
+                if tick % EVERY_TICKS == 0:
+                    flown[row].sample(sim.simulation.truth, row, self._logged.home_ned_m)
+            running = {row: autopilot for row, autopilot in running.items() if autopilot.commander.armed}
+            if not running:
+                break
+            links.keep()
+            sim.step(TICK_S)
+        return flown
+
+
+class _Links:
+    """Ground station and, if they are to be lost, sticks of both vehicles."""
+
+    def __init__(self, sim: SimulatedFleet, lost: frozenset[Losable]) -> None:
+        self._sim, self._lost = sim, lost
+        self.up = [True, True]
+
+    def keep(self) -> None:
+        """Keeps the links that are there; called at each tick."""
+        for up, autopilot in zip(self.up, self._sim.autopilots, strict=True):
+            checks, now_s = autopilot.commander.checks, self._sim.time_s
+            if up or "data_link" not in self._lost:
+                checks.gcs_heartbeat_at_s = now_s
+            if up and "manual_control" in self._lost:
+                checks.manual_control_at_s = now_s
+
+
+def _take_off(sim: SimulatedFleet, links: _Links) -> None:
+    """Both vehicles take off and hover. Raises NotFlyable: they do not."""
+    hovering_s = 0.0
+    while hovering_s < HOVER_S:
+        if sim.time_s > TAKEOFF_WITHIN_S:
+            text = "The simulated vehicle does not take off with the body of this log."
+            raise NotFlyable(text, "parameters")
+        for autopilot in sim.autopilots:
+            commander = autopilot.commander
+            if not commander.armed and commander.report.armable(NavState.TAKEOFF):
+                autopilot.navigator.request_takeoff(math.nan)
+                commander.set_mode(NavState.TAKEOFF)
+                commander.arm()
+        links.keep()
+        sim.step(TICK_S)
+        commanders = [each.commander for each in sim.autopilots]
+        hover = all(each.took_off and each.active is NavState.HOLD for each in commanders)
+        hovering_s = hovering_s + TICK_S if hover else 0.0
+
+
+def _warnings_of(flown: Flown, sim: SimulatedFleet, begin_s: float) -> Callable[[StatusText | Event], None]:
+    def listen(message: StatusText | Event) -> None:
+        if isinstance(message, StatusText) and message.severity <= SEVERITY_WARNING:
+            flown.warnings.append((round(sim.time_s - begin_s, 2), message.text.strip()))
+
+    return listen
+
+
+def mode_name(nav_state: int) -> str:
+    """PX4's name of a mode."""
+    return MODES[NavState(nav_state)].name if nav_state in MODES else f"mode {nav_state}"
+
+
+def _mode(nav_state: int) -> NavState:
+    """Raises NotFlyable: the mode cannot be begun at any moment of it, or flies by foreign setpoints."""
+    if nav_state in MODES_FLOWN:
+        return NavState(nav_state)
+    raise NotFlyable(
+        f"The vehicle flew in {mode_name(nav_state)} then. The simulated PX4 flies on in Mission, Hold, "
+        "Return and Land; in other modes the logged setpoints are flown again.",
+        "flown_by",
+    )
+
+
+def _matches(name: str, patterns: Sequence[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def _vector(values: Values) -> Vector:
+    north, east, down = values.tolist()
+    return north, east, down
