@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
 from gcs_server.api.strict_body import ResponseBody, StrictBody, example
 from gcs_server.errors import InvalidRequest
@@ -102,15 +102,29 @@ class Gamepad(StrictBody):
     """Default: button 1 holds."""
 
 
+class PlotPane(StrictBody):
+    """A pane of plots."""
+
+    fields: Annotated[tuple[PlottedField, ...], Field(max_length=8)]
+    """Its fields and expressions, as in a request of values."""
+    right_axis: Annotated[tuple[PlottedField, ...], Field(max_length=8)] | None = None
+    """Those with the axis at the right; null: those whose unit is not that of the first."""
+    spectrum: bool = False
+    """Whether it shows frequencies, not times."""
+
+
+def _pane(value: object) -> object:
+    """A pane as earlier versions kept it: the list of its fields."""
+    return {"fields": value} if isinstance(value, list | tuple) else value
+
+
 class PlotLayout(StrictBody):
     """Panes of plots that a person has saved, for logs and for vehicles that fly."""
 
     name: ShortName
     """Its name."""
-    panes: Annotated[
-        tuple[Annotated[tuple[PlottedField, ...], Field(max_length=8)], ...], Field(max_length=8)
-    ]
-    """The fields and expressions of each pane, as in a request of values."""
+    panes: Annotated[tuple[Annotated[PlotPane, BeforeValidator(_pane)], ...], Field(max_length=8)]
+    """Its panes."""
     window_s: float | None = Field(default=None, gt=0, le=1e7)
     """Length of the window of time [s]; null: the whole flight, and in flight the present one."""
 

@@ -50,15 +50,24 @@ def test_each_user_has_settings_that_stay_through_a_restart(tmp_path):
 def test_layouts_of_plots_are_kept_and_bounded(client):
     layout = {
         "name": "Landing",
-        "panes": [["vehicle_attitude:0/q[0]", "abs({a:0/b})"], ["c:0/d"]],
+        "panes": [
+            {
+                "fields": ["vehicle_attitude:0/q[0]", "abs({a:0/b})"],
+                "right_axis": ["abs({a:0/b})"],
+                "spectrum": False,
+            },
+            {"fields": ["c:0/d"], "spectrum": True},
+        ],
         "window_s": 30.0,
     }
     assert change(client, {"plot_layouts": [layout]}).status_code == 200
     assert settings(client)["plot_layouts"] == [layout]
     for wrong, place in (
-        ({**layout, "panes": [["a:0/b"]] * 9}, "panes"),
-        ({**layout, "panes": [["a:0/b"] * 9]}, "panes.0"),
-        ({**layout, "panes": [[""]]}, "panes.0.0"),
+        ({**layout, "panes": [{"fields": ["a:0/b"]}] * 9}, "panes"),
+        ({**layout, "panes": [{"fields": ["a:0/b"] * 9}]}, "panes.0.fields"),
+        ({**layout, "panes": [{"fields": [""]}]}, "panes.0.fields.0"),
+        ({**layout, "panes": [["a:0/b"] * 9]}, "panes.0.fields"),
+        ({**layout, "panes": [3]}, "panes.0"),
         ({**layout, "name": ""}, "name"),
         ({**layout, "window_s": 0}, "window_s"),
     ):
@@ -66,6 +75,10 @@ def test_layouts_of_plots_are_kept_and_bounded(client):
         assert (answer.status_code, place in answer.json()["field"]) == (422, True), answer.text
     assert change(client, {"plot_layouts": [layout] * 41}).status_code == 422
     assert settings(client)["plot_layouts"] == [layout]
+    earlier = {**layout, "panes": [["c:0/d"]]}
+    assert change(client, {"plot_layouts": [earlier]}).status_code == 200
+    (kept,) = settings(client)["plot_layouts"]
+    assert kept["panes"] == [{"fields": ["c:0/d"], "spectrum": False}]
 
 
 def test_what_is_exported_can_be_imported_by_another_user(client):

@@ -14467,14 +14467,36 @@ export interface components {
             readonly name: string;
             /**
              * Panes
-             * @description The fields and expressions of each pane, as in a request of values.
+             * @description Its panes.
              */
-            readonly panes: readonly (readonly string[])[];
+            readonly panes: readonly components["schemas"]["PlotPane"][];
             /**
              * Window S
              * @description Length of the window of time [s]; null: the whole flight, and in flight the present one.
              */
             readonly window_s?: number | null;
+        };
+        /**
+         * PlotPane
+         * @description A pane of plots.
+         */
+        readonly PlotPane: {
+            /**
+             * Fields
+             * @description Its fields and expressions, as in a request of values.
+             */
+            readonly fields: readonly string[];
+            /**
+             * Right Axis
+             * @description Those with the axis at the right; null: those whose unit is not that of the first.
+             */
+            readonly right_axis?: readonly string[] | null;
+            /**
+             * Spectrum
+             * @description Whether it shows frequencies, not times.
+             * @default false
+             */
+            readonly spectrum: boolean;
         };
         /**
          * Point

@@ -2,7 +2,7 @@
 
 import type { components } from '../api/schema';
 import { userSettings } from '../app/settings.svelte';
-import type { PlotView } from './plot-view.svelte';
+import type { PaneContent, PlotView } from './plot-view.svelte';
 import { labelOf, placed, RERUN } from './sets';
 
 export type Layout = components['schemas']['PlotLayout'];
@@ -14,7 +14,14 @@ export function layouts(): readonly Layout[] {
 
 /** The shown panes as a layout, without what is not of a log. */
 export function layoutOf(name: string, view: PlotView): Layout {
-  const panes = view.panes.map(({ fields }) => fields.filter((field) => !field.startsWith(RERUN))).filter((fields) => fields.length > 0);
+  const isKept = (field: string): boolean => !field.startsWith(RERUN);
+  const panes = view.panes
+    .map(({ fields, right, isSpectrum }) => ({
+      fields: fields.filter(isKept),
+      right_axis: right?.filter(isKept) ?? null,
+      spectrum: isSpectrum === true,
+    }))
+    .filter(({ fields }) => fields.length > 0);
   return { name: name.trim(), panes, window_s: view.savedLength_s };
 }
 
@@ -34,14 +41,12 @@ export function renamed(all: readonly Layout[], from: string, to: string): reado
 /** Shows a layout in place of the present panes. @returns labels of its fields that are not here; none of them is here: nothing changes. */
 export function showLayout({ panes, window_s }: Layout, view: PlotView): readonly string[] {
   const missing: string[] = [];
-  const found = panes.map((fields) =>
-    fields.flatMap((saved) => {
-      const field = placed(saved, view.sources);
-      if (field === null) missing.push(labelOf(saved));
-      return field === null ? [] : [field];
-    }),
-  );
-  const shown = found.filter((fields) => fields.length > 0);
+  const found = panes.map(({ fields, right_axis, spectrum }): PaneContent => {
+    for (const saved of fields) if (placed(saved, view.sources) === null) missing.push(labelOf(saved));
+    const here = (all: readonly string[]): string[] => all.flatMap((saved) => placed(saved, view.sources) ?? []);
+    return { fields: here(fields), ...(right_axis == null ? {} : { right: here(right_axis) }), isSpectrum: spectrum };
+  });
+  const shown = found.filter(({ fields }) => fields.length > 0);
   if (shown.length > 0) {
     view.showPanes(shown);
     view.showLength(window_s ?? null);

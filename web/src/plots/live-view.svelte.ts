@@ -80,7 +80,7 @@ export class LiveView extends PlotView {
     this.close();
     this.vehicle = vehicle;
     this.name = name;
-    this.showPanes(panes);
+    this.showPanes(panes.map((fields) => ({ fields })));
   }
 
   /**

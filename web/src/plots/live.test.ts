@@ -165,6 +165,32 @@ describe('a live plot', () => {
   });
 });
 
+describe('the axis of a field', () => {
+  const made = (): LiveView => {
+    const view = new LiveView(new ApiClient('test', undefined, () => Promise.reject(new Error('offline'))));
+    view.open('7', 'Seven', [['a:0/v', 'a:0/w', 'a:0/amps', 'a:0/none']]);
+    const units = { v: 'V', w: 'V', amps: 'A', none: null };
+    view.series = new Map(Object.entries(units).map(([name, unit]) => [`a:0/${name}`, { field: `a:0/${name}`, unit, samples: 1, t_s: [0], values: [1] }]));
+    return view;
+  };
+  const right = (view: LiveView): readonly string[] => view.panes.flatMap((pane) => view.rightOf(pane));
+
+  it('is at the right if its unit is not that of the first', () => {
+    expect(right(made())).toEqual(['a:0/amps']);
+  });
+
+  it('is what a person chooses, also once fields are removed', () => {
+    const view = made();
+    const { activePane } = view;
+    view.changeAxis(activePane, 'a:0/none');
+    expect(right(view)).toEqual(['a:0/amps', 'a:0/none']);
+    view.changeAxis(activePane, 'a:0/amps');
+    expect(right(view)).toEqual(['a:0/none']);
+    view.toggle('a:0/none');
+    expect(right(view)).toEqual([]);
+  });
+});
+
 describe('a saved layout', () => {
   const topic = (id: string, names: string[]) => ({
     ...{ id, name: id.split(':')[0] ?? '', instance: id.split(':')[1] ?? '', samples: 1, begin_s: 0, end_s: 1, rate_hz: 1 },
@@ -177,13 +203,21 @@ describe('a saved layout', () => {
     view.sources = [{ source: null, prefix: '', topics: [topic('ATTITUDE:7.1', ['roll', 'pitch']), topic('BATTERY_STATUS:7.1.0', ['x'])] }];
     const layout: Layout = {
       name: 'Mine',
-      panes: [['degrees({ATTITUDE:1.1/roll})', 'ATTITUDE:1.1/gone'], ['1|BATTERY_STATUS:7.1.0/x'], ['estimator_status:0/x']],
+      panes: [
+        { fields: ['degrees({ATTITUDE:1.1/roll})', 'ATTITUDE:1.1/gone'], right_axis: ['degrees({ATTITUDE:1.1/roll})', 'ATTITUDE:1.1/gone'], spectrum: false },
+        { fields: ['1|BATTERY_STATUS:7.1.0/x'], right_axis: null, spectrum: true },
+        { fields: ['estimator_status:0/x'], spectrum: false },
+      ],
       window_s: 120,
     };
     expect(showLayout(layout, view)).toEqual(['ATTITUDE:1.1 gone', 'estimator_status x']);
     expect(view.panes.map(({ fields }) => fields)).toEqual([['degrees({ATTITUDE:7.1/roll})'], ['BATTERY_STATUS:7.1.0/x']]);
-    expect(layoutOf(' Two ', view)).toEqual({ name: 'Two', panes: [['degrees({ATTITUDE:7.1/roll})'], ['BATTERY_STATUS:7.1.0/x']], window_s: 120 });
-    expect(showLayout({ name: 'x', panes: [['nothing:0/here']], window_s: null }, view)).toEqual(['nothing here']);
+    const panes = [
+      { fields: ['degrees({ATTITUDE:7.1/roll})'], right_axis: ['degrees({ATTITUDE:7.1/roll})'], spectrum: false },
+      { fields: ['BATTERY_STATUS:7.1.0/x'], right_axis: null, spectrum: false }, // in flight there are no spectra
+    ];
+    expect(layoutOf(' Two ', view)).toEqual({ name: 'Two', panes, window_s: 120 });
+    expect(showLayout({ name: 'x', panes: [{ fields: ['nothing:0/here'], spectrum: false }], window_s: null }, view)).toEqual(['nothing here']);
     expect(view.panes).toHaveLength(2);
   });
 

@@ -18,11 +18,16 @@ export interface FieldSource {
   readonly prefix: string;
   readonly topics: readonly Schemas['LogTopic'][];
 }
-export interface Pane {
-  readonly id: number;
+/** What a pane shows. */
+export interface PaneContent {
   readonly fields: readonly string[];
+  /** Fields with the axis at the right; without: those whose unit is not that of the first. */
+  readonly right?: readonly string[];
   /** Shown by frequency, not by time. */
   readonly isSpectrum?: boolean;
+}
+export interface Pane extends PaneContent {
+  readonly id: number;
 }
 export interface Window {
   readonly from_s: number;
@@ -99,13 +104,30 @@ export abstract class PlotView {
     this.panes = this.panes.map((pane) => (pane.id === id ? { ...pane, isSpectrum: pane.isSpectrum !== true } : pane));
   }
 
-  /** Shows these panes in place of the present ones. @param spectra the last panes, as many, are shown by frequency. */
-  showPanes(panes: readonly (readonly string[])[], spectra = 0): void {
-    const shown = panes.slice(0, MAX_PANES);
-    this.panes = shown.map((fields, i) => ({
+  /** The fields of a pane whose axis is at the right. */
+  rightOf({ fields, right }: PaneContent): readonly string[] {
+    if (right !== undefined) return right.filter((field) => fields.includes(field));
+    const unit = (field: string): string | null => this.series.get(field)?.unit ?? null;
+    const first = fields.map(unit).find((each) => each !== null) ?? null;
+    return fields.filter((field) => unit(field) !== null && unit(field) !== first);
+  }
+
+  /** Gives a field of a pane the other axis. */
+  changeAxis(id: number, field: string): void {
+    this.panes = this.panes.map((pane) => {
+      if (pane.id !== id) return pane;
+      const right = this.rightOf(pane);
+      return { ...pane, right: right.includes(field) ? right.filter((each) => each !== field) : [...right, field] };
+    });
+  }
+
+  /** Shows these panes in place of the present ones. */
+  showPanes(panes: readonly PaneContent[]): void {
+    this.panes = panes.slice(0, MAX_PANES).map(({ fields, right, isSpectrum }) => ({
       id: this.nextPane++,
       fields: fields.slice(0, MAX_FIELDS),
-      ...(this.hasSpectra && i >= shown.length - spectra ? { isSpectrum: true } : {}),
+      ...(right === undefined ? {} : { right }),
+      ...(this.hasSpectra && isSpectrum === true ? { isSpectrum } : {}),
     }));
     this.activePane = this.panes[0]?.id ?? 0;
     this.requestSeries();
@@ -141,7 +163,8 @@ export abstract class PlotView {
   /** Shows the panes of a set in place of the present ones. */
   showSet(set: PlotSet): void {
     const panes = this.fieldsOf(set);
-    if (panes.length > 0) this.showPanes(panes, panes.length > 1 ? (set.spectra ?? 0) : 0);
+    const spectra = panes.length > 1 ? (set.spectra ?? 0) : 0;
+    if (panes.length > 0) this.showPanes(panes.map((fields, i) => ({ fields, isSpectrum: i >= panes.length - spectra })));
   }
 
   /** The fields of a set's panes, of the first source that has some. */

@@ -46,6 +46,14 @@ export interface Handlers {
 
 const WHEEL_FACTOR = 1.25;
 
+/** How a series is drawn. */
+export interface Line {
+  /** Of a second flight. */
+  readonly isDashed: boolean;
+  /** Its axis is at the right. */
+  readonly isRight: boolean;
+}
+
 export class TimePlot {
   private readonly plot: uPlot;
   private bands: Bands = { failsafe: [], armed: [], modeChanges_s: [] };
@@ -56,15 +64,19 @@ export class TimePlot {
   constructor(
     private readonly container: HTMLElement,
     private readonly colours: Colours,
-    /** Whether the line of each series is dashed. */
-    dashed: readonly boolean[],
+    lines: readonly Line[],
     private readonly handlers: Handlers,
     /** Plots with the same key have one cursor. */
     sync: string,
   ) {
     const font = '11px Inter, system-ui, sans-serif';
     const axis = { stroke: colours.text, font, grid: { stroke: colours.grid, width: 1 }, ticks: { show: false } };
-    const series = dashed.map((isDashed, i) => ({
+    const yAxis = { ...axis, size: 52, gap: 4, space: 26, values: (_: uPlot, splits: number[]) => splits.map(numberText) };
+    const yScale: uPlot.Scale = { range: (_, min, max) => rangeOf(min, max) };
+    // An axis without series is not drawn. Lines of the grid are those of the left one, if it is.
+    const sides = [false, true].filter((side) => (lines.length === 0 && !side) || lines.some(({ isRight }) => isRight === side));
+    const series = lines.map(({ isDashed, isRight }, i) => ({
+      scale: isRight ? 'right' : 'y',
       stroke: colours.series[i % colours.series.length] ?? colours.text,
       width: colours.strokeWidth,
       points: { show: false },
@@ -78,10 +90,14 @@ export class TimePlot {
         padding: [6, 8, 0, 0],
         legend: { show: false },
         cursor: { y: false, sync: { key: sync }, drag: { x: true, y: false, setScale: false }, points: { show: false } },
-        scales: { x: { time: false, range: () => [this.shown.from_s, this.shown.to_s] }, y: { range: (_, min, max) => rangeOf(min, max) } },
+        scales: { x: { time: false, range: () => [this.shown.from_s, this.shown.to_s] }, y: yScale, right: yScale },
         axes: [
           { ...axis, size: 22, gap: 3, values: (_, splits) => splits.map((s) => `${Number(s.toFixed(3))}`.replace('-', '−')) },
-          { ...axis, size: 52, gap: 4, space: 26, values: (_, splits) => splits.map(numberText) },
+          ...sides.map((isRight, i) => ({
+            ...yAxis,
+            ...(isRight ? { scale: 'right', side: 1 as const } : { scale: 'y' }),
+            grid: { ...axis.grid, show: i === 0 },
+          })),
         ],
         series: [{}, ...series],
         hooks: {
@@ -190,6 +206,7 @@ export function aligned(series: readonly (Series | undefined)[]): (number | null
 
 function rangeOf(min: number | null, max: number | null): [number, number] {
   if (min === null || max === null || !Number.isFinite(min) || !Number.isFinite(max)) return [-1, 1];
+  if (min === max) return [min - (Math.abs(min) || 1), max + (Math.abs(max) || 1)];
   const half = Math.max((max - min) / 2, Math.abs(max) * 1e-6, 1e-9) * 1.08;
   const middle = (min + max) / 2;
   return [middle - half, middle + half];

@@ -2,7 +2,7 @@
 
 import type { ApiClient, Outcome } from '../../api/client';
 import type { components } from '../../api/schema';
-import { POINTS, MAX_SERIES, PlotView, type FieldSource, type Series, type States, type Window } from '../../plots/plot-view.svelte';
+import { POINTS, MAX_SERIES, PlotView, type FieldSource, type PaneContent, type Series, type States, type Window } from '../../plots/plot-view.svelte';
 import type { Spectrum } from '../../plots/spectrum';
 import { SETS } from '../../plots/sets';
 import { plotsShown } from './plots-shown.svelte';
@@ -179,7 +179,7 @@ export class LogView extends PlotView {
 
   /** Shows what proves a statement: these panes in place of the present ones, and the time with as much before and after it. */
   showEvidence(panes: readonly (readonly string[])[], { from_s, to_s }: Window): void {
-    const filled = panes.filter((fields) => fields.length > 0);
+    const filled = panes.filter((fields) => fields.length > 0).map((fields) => ({ fields }));
     if (filled.length > 0) this.showPanes(filled);
     const margin_s = Math.max(2, to_s - from_s);
     this.zoom({ from_s: from_s - margin_s, to_s: to_s + margin_s });
@@ -191,7 +191,7 @@ export class LogView extends PlotView {
     this.computed = new Map(series.map((each) => [each.field, each]));
     this.series = this.computed;
     this.loadedKey = '';
-    this.showPanes(panes);
+    this.showPanes(panes.map((fields) => ({ fields })));
     this.zoom(window);
     this.cursor_s = window.from_s;
   }
@@ -199,19 +199,21 @@ export class LogView extends PlotView {
   /** Draws a flight over the open one, or takes it away. @param series what is of both, shown in a pane of its own. */
   showSecond(second: SecondFlight | null, series: readonly Series[] = []): void {
     const isNew = this.second?.id !== second?.id;
-    const own = this.panes.map(({ fields }) => fields.filter((field) => !this.computed.has(field))).filter((fields) => fields.length > 0);
+    const own = this.panes
+      .map((pane) => ({ ...pane, fields: pane.fields.filter((field) => !this.computed.has(field)) }))
+      .filter(({ fields }) => fields.length > 0);
     this.second = second;
     this.computed = new Map(series.map((each) => [each.field, each]));
     this.series = new Map([...this.series].filter(([field]) => !field.startsWith(SECOND)).concat([...this.computed]));
     this.loadedKey = '';
     if (!isNew) this.requestSeries();
-    else this.showPanes([...(series.length === 0 ? [] : [[...this.computed.keys()]]), ...(own.length === 0 ? this.usualPanes() : own)]);
+    else this.showPanes([...(series.length === 0 ? [] : [{ fields: [...this.computed.keys()] }]), ...(own.length === 0 ? this.usualPanes() : own)]);
   }
 
   /** What is shown of two flights if a person has chosen nothing. */
-  private usualPanes(): string[][] {
+  private usualPanes(): PaneContent[] {
     const panes = SETS.slice(0, 1).flatMap((set) => this.fieldsOf(set));
-    return panes.length === 0 ? [[]] : panes;
+    return (panes.length === 0 ? [[]] : panes).map((fields) => ({ fields }));
   }
 
   /** The same field of the second flight, of its first part that has it. */

@@ -88,7 +88,10 @@ describe('two flights over each other', () => {
 
   it('draws each field of both at the times of the open one, and how far apart they are', async () => {
     const { view, two, asked } = await opened();
-    view.showPanes([['vehicle_local_position:0/x', 'only_here:0/x'], ['norm({vehicle_local_position:0/vx}, {vehicle_local_position:0/vy})']]);
+    view.showPanes([
+      { fields: ['vehicle_local_position:0/x', 'only_here:0/x'] },
+      { fields: ['norm({vehicle_local_position:0/vx}, {vehicle_local_position:0/vy})'] },
+    ]);
     await two.choose(ROW);
     expect(asked.find(({ pathname }) => pathname.endsWith('/beside'))?.search).toBe('?other=f2&align=arming');
     await vi.advanceTimersByTimeAsync(100);
@@ -111,7 +114,7 @@ describe('two flights over each other', () => {
   it('moves the second flight by another offset without changing the panes', async () => {
     const { view, two, asked } = await opened((query) => [200, compared(Number(query.get('offset_s') ?? -20))]);
     await two.choose(ROW);
-    view.showPanes([['vehicle_local_position:0/vx']]);
+    view.showPanes([{ fields: ['vehicle_local_position:0/vx'] }]);
     await two.alignBy('offset');
     expect(two.offset).toBe('-20');
     two.offset = '-7.5';
