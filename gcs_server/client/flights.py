@@ -55,6 +55,20 @@ class Flights:
         """What a log means: `findings`, and what was `not_judged`."""
         return await self._gcs.request("GET", _path(flight, "findings"))
 
+    async def loops(
+        self, flight: str, *, from_s: float | None = None, to_s: float | None = None
+    ) -> list[dict[str, Any]]:
+        """How the rate and attitude loops follow their setpoints: for each `loop` and `axis` the `step`
+        response (`rise_s`, `overshoot`, `settling_s`), the `frequency` response (`bandwidth_hz`) and `notes`.
+
+        Args:
+            flight: id of the file of the vehicle's own log.
+            from_s: begin of the time that is used [s since the log's start].
+            to_s: end of it.
+        """
+        query = _query({"from_s": from_s, "to_s": to_s})
+        return (await self._gcs.request("GET", _path(flight, "loops", query)))["loops"]
+
     async def beside(
         self,
         flight: str,

@@ -466,6 +466,7 @@ ALL: tuple[Command, ...] = (
         "GET /flights/{f}/file",
         "GET /flights/{f}/series",
         "GET /flights/{f}/spectrum",
+        "GET /flights/{f}/loops",
         "GET /flights/{f}/findings",
         "GET /flights/{f}/table",
         "GET /flights/{f}/export",

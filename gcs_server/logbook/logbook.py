@@ -174,6 +174,14 @@ class Logbook:
         """Which frequencies a field or expression has, and when, as JSON. Raises as `plot`."""
         return await self._work.spectrum(await self._read_folder(file_id), field, from_s, to_s)
 
+    async def loops(self, file_id: str, from_s: float | None, to_s: float | None) -> bytes:
+        """How the rate and attitude loops follow their setpoints (`loops.Loops`), as JSON.
+
+        Raises:
+            UnknownFlight, LogUnusable, ClientHasTooMany, ServerBusy: see `overview`.
+        """
+        return await self._work.loops(await self._read_folder(file_id), from_s, to_s)
+
     async def findings(self, file_id: str) -> bytes:
         """What a log means, as JSON; of a recording that still grows, as far as it was read.
 

@@ -47,6 +47,14 @@ def spectrum(folder: str, field: str, from_s: float | None, to_s: float | None) 
     return msgspec.json.encode(spectra.spectrum(columns.Columns(Path(folder)), field, from_s, to_s))
 
 
+def loops(folder: str, from_s: float | None, to_s: float | None) -> bytes:
+    """How the rate and attitude loops follow their setpoints, as JSON. Raises OSError."""
+    from gcs_server.logbook import columns
+    from gcs_server.logbook import loops as responses
+
+    return msgspec.json.encode(responses.loops(columns.load(Path(folder)), from_s, to_s))
+
+
 def rerun(folder: str, from_s: float, to_s: float, change: dict[str, Any], plan: str | None = None) -> bytes:
     """Flies a part of a log again, as it was and with a change; the result as JSON.
 
@@ -146,6 +154,7 @@ TASKS: dict[str, Callable[..., bytes | Stream]] = {
     "read": read,
     "plot": plot,
     "spectrum": spectrum,
+    "loops": loops,
     "findings": findings,
     "rerun": rerun,
     "identify": identify,

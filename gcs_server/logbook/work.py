@@ -93,6 +93,16 @@ class LogWork:
         async with self._plots.turn():
             return await self._run("spectrum", arguments)
 
+    async def loops(self, folder: Path, from_s: float | None, to_s: float | None) -> bytes:
+        """How the rate and attitude loops follow their setpoints (`loops.Loops`), as JSON.
+
+        Raises:
+            LogUnusable: the columns cannot be read.
+            ClientHasTooMany, ServerBusy: too many plots are being read or wait.
+        """
+        async with self._plots.turn():
+            return await self._run("loops", {"folder": str(folder), "from_s": from_s, "to_s": to_s})
+
     async def rerun(
         self, folder: Path, from_s: float, to_s: float, change: Mapping[str, Any], plan: str | None
     ) -> bytes:

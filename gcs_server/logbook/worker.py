@@ -15,6 +15,7 @@ IMPORTED = (
     "columns",
     "exports.export",
     "findings.table",
+    "loops",
     "mcap_log",
     "overview",
     "series",

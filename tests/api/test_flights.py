@@ -158,6 +158,20 @@ def test_a_spectrum_shows_the_frequency_of_a_value(client):
     assert delete(client, flight_id).status_code == 204
 
 
+def test_the_responses_of_the_loops_or_why_there_are_none(client):
+    flight_id = add(client, "loops.ulg", ulog(steps=200))
+    url = f"{API}/flights/{flight_id}/loops"
+    answer = client.get(url, params={"from_s": 1, "to_s": 9})
+    assert answer.status_code == 200, answer.text
+    loops = answer.json()["loops"]
+    assert [(each["loop"], each["axis"]) for each in loops][::3] == [("rate", "roll"), ("attitude", "roll")]
+    assert loops[0]["step"] is None
+    assert loops[0]["notes"] == ["The topic vehicle_rates_setpoint is not logged."]
+    assert client.get(f"{API}/flights/none/loops").status_code == 404
+    assert client.get(url, params={"from_s": "x"}).status_code == 422
+    assert delete(client, flight_id).status_code == 204
+
+
 def test_a_log_says_what_it_means_also_before_it_was_read(client):
     flight_id = add(client, "meaning.ulg", ulog(steps=200))
     answer = client.get(f"{API}/flights/{flight_id}/findings")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import socket
 from collections.abc import Iterator
@@ -11,11 +12,15 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.e2e.browser import open_page, serious_violations
+from tests.e2e.keyboard.tab_order import check_tab_order
 from tests.station import free_port, is_up, running_process, server_command, wait_until
 from tests.support.flown_log import flown_log
 from tests.unit.gcs_server.logbook.generated_ulogs import ulog
 
 pytestmark = pytest.mark.browser
+
+PICTURES = os.environ.get("GCS_PICTURES")
+"""Where screens are saved; unset: nowhere."""
 
 PLOTTED = """
 () => [...document.querySelectorAll('.uplot canvas')].map((canvas) => {
@@ -110,6 +115,39 @@ def test_a_part_of_a_flight_is_flown_again_with_a_change(
         expect(page.get_by_role("region", name="Pane 2")).to_contain_text("North, changed")
         wait_until(lambda: page.evaluate(PLOTTED)[1] > 10, "the tracks")
         assert serious_violations(page) == []
+
+
+def test_tuning_says_how_the_loops_respond_and_shows_the_curves(
+    browser: Browser, server_url: str, tmp_path: Path
+) -> None:
+    path, _ = flown_log(tmp_path / "vehicle", (0.0, 3.0, 0.0))
+    with open_page(browser, server_url, scene=False) as page:
+        page.keyboard.press("Shift+E")
+        page.get_by_label("Add a log").set_input_files(path)
+        page.get_by_role("radio", name="Tuning").click()
+        panel = page.get_by_role("group", name="Tuning")
+        loops = panel.get_by_role("list", name="Control loops").get_by_role("button")
+        expect(loops).to_have_count(6, timeout=30_000)
+        expect(loops.nth(0)).to_contain_text(re.compile(r"Roll rate.*Rises in \d+ ms"))
+        expect(loops.nth(5)).to_contain_text("The log does not say enough.")
+        expect(panel.get_by_role("img", name="Answer to a step over time")).to_be_visible()
+        wait_until(lambda: min(page.evaluate(PLOTTED)[-4:]) > 10, "the curves")
+        if PICTURES:
+            page.screenshot(path=Path(PICTURES) / "tuning.png")
+        check_tab_order(page, "Tab")
+        loops.nth(5).click()
+        expect(panel).to_contain_text("hardly moves")
+        loops.nth(0).click()
+        panel.get_by_role("button", name="Plot setpoint and measurement").click()
+        expect(page.get_by_role("region", name="Pane 1")).to_contain_text("vehicle_rates_setpoint/roll")
+        assert serious_violations(page) == []
+        page.set_viewport_size({"width": 390, "height": 844})
+        page.get_by_role("radio", name="Tuning").scroll_into_view_if_needed()
+        expect(page.get_by_role("radio", name="Tuning")).to_be_in_viewport()
+        width = "(element) => element.scrollWidth - element.clientWidth"
+        assert panel.evaluate(width) == page.evaluate(f"({width})(document.documentElement)") == 0
+        if PICTURES:
+            page.screenshot(path=Path(PICTURES) / "tuning-phone.png")
 
 
 @pytest.mark.story

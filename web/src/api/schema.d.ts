@@ -3548,6 +3548,28 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/flights/{f}/loops": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Flight Loops
+         * @description How the rate and attitude loops of a vehicle's own log follow their setpoints: step response (rise,
+         *     overshoot, settling) and frequency response (gain, phase, coherence, bandwidth) of each axis; and where
+         *     the log does not say enough, why.
+         */
+        readonly get: operations["flight_loops_api_v1_flights__f__loops_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/settings": {
         readonly parameters: {
             readonly query?: never;
@@ -7024,6 +7046,17 @@ export interface components {
             readonly removed: readonly components["schemas"]["RemovedFlight"][];
         };
         /**
+         * FlightLoops
+         * @description The rate and attitude loops of a flight.
+         */
+        readonly FlightLoops: {
+            /**
+             * Loops
+             * @description Rates of roll, pitch, yaw, then attitudes.
+             */
+            readonly loops: readonly components["schemas"]["LoopResponse"][];
+        };
+        /**
          * FlightName
          * @description A name for a flight.
          * @example {
@@ -7753,6 +7786,52 @@ export interface components {
              * @enum {string}
              */
             readonly yaw?: "keep" | "same" | "face";
+        };
+        /**
+         * FrequencyResponse
+         * @description The answer to setpoints that swing.
+         */
+        readonly FrequencyResponse: {
+            /**
+             * Frequencies Hz
+             * @description Frequencies [Hz].
+             */
+            readonly frequencies_hz: readonly number[];
+            /**
+             * Gain Db
+             * @description 20·log10 of the amplitude beside that of the setpoint.
+             */
+            readonly gain_db: readonly number[];
+            /**
+             * Phase Deg
+             * @description Phase beside that of the setpoint; negative: later.
+             */
+            readonly phase_deg: readonly number[];
+            /**
+             * Coherence
+             * @description Which part of the motion the setpoint explains, 0 to 1; below 0.5 gain and phase mean nothing.
+             */
+            readonly coherence: readonly number[];
+            /**
+             * Bandwidth Hz
+             * @description Frequency up to which the gain is above -3 dB; null: the log does not say it.
+             */
+            readonly bandwidth_hz: number | null;
+            /**
+             * Phase At Bandwidth Deg
+             * @description Phase at the bandwidth.
+             */
+            readonly phase_at_bandwidth_deg: number | null;
+            /**
+             * Peak Db
+             * @description Highest gain up to the bandwidth; above 0: the loop resonates.
+             */
+            readonly peak_db: number;
+            /**
+             * Peak Hz
+             * @description Its frequency.
+             */
+            readonly peak_hz: number;
         };
         /**
          * Gamepad
@@ -11056,6 +11135,68 @@ export interface components {
              * @description Yaw ned (north, east, down of the local origin) [deg].
              */
             readonly yaw_ned_deg?: number | null;
+        };
+        /**
+         * LoopResponse
+         * @description How one loop of one axis follows its setpoint.
+         */
+        readonly LoopResponse: {
+            /**
+             * Loop
+             * @description Loop.
+             * @enum {string}
+             */
+            readonly loop: "rate" | "attitude";
+            /**
+             * Axis
+             * @description Axis.
+             * @enum {string}
+             */
+            readonly axis: "roll" | "pitch" | "yaw";
+            /**
+             * Setpoint
+             * @description Field or expression of the setpoint, in deg/s or deg, as for a plot.
+             */
+            readonly setpoint: string;
+            /**
+             * Measured
+             * @description The same of what was measured.
+             */
+            readonly measured: string;
+            /**
+             * Rate Hz
+             * @description Samples a second that were compared; null: there are none.
+             */
+            readonly rate_hz: number | null;
+            /**
+             * Flown S
+             * @description Time in the air in which both are logged.
+             */
+            readonly flown_s: number;
+            /**
+             * Excited S
+             * @description The part of it in which the setpoint moves enough.
+             */
+            readonly excited_s: number;
+            /**
+             * Windows
+             * @description Number of windows in it.
+             */
+            readonly windows: number;
+            /**
+             * Coherence
+             * @description Coherence, weighted by the power of the setpoint; null: too few windows.
+             */
+            readonly coherence: number | null;
+            /** @description Null: the log does not say enough; `notes` say why. */
+            readonly step: components["schemas"]["StepResponse"] | null;
+            /** @description Null: too few windows. */
+            readonly frequency: components["schemas"]["FrequencyResponse"] | null;
+            /**
+             * Notes
+             * @description What the log does not say, and how sure the rest is, as sentences.
+             */
+            readonly notes: readonly string[];
         };
         /**
          * ManualControlView
@@ -17084,6 +17225,62 @@ export interface components {
             readonly received_unix_s: number;
             /** @description The sample itself. */
             readonly value: components["schemas"]["Status"];
+        };
+        /**
+         * StepResponse
+         * @description The answer to a step of the setpoint by one.
+         */
+        readonly StepResponse: {
+            /**
+             * T S
+             * @description Times since the step.
+             */
+            readonly t_s: readonly number[];
+            /**
+             * Value
+             * @description The answer, as a part of the step.
+             */
+            readonly value: readonly number[];
+            /**
+             * Lowest
+             * @description The lowest of the answers in parts of the flight; null: too few windows for parts.
+             */
+            readonly lowest: readonly number[] | null;
+            /**
+             * Highest
+             * @description The highest of them.
+             */
+            readonly highest: readonly number[] | null;
+            /**
+             * Rise S
+             * @description From 10 to 90 % of the final value.
+             */
+            readonly rise_s: number;
+            /**
+             * Rise Range S
+             * @description Least and largest rise time in the parts of the flight.
+             */
+            readonly rise_range_s: readonly number[] | null;
+            /**
+             * Overshoot
+             * @description By which part of the final value it goes beyond it; 0: it does not.
+             */
+            readonly overshoot: number;
+            /**
+             * Overshoot Range
+             * @description Least and largest overshoot in the parts of the flight.
+             */
+            readonly overshoot_range: readonly number[] | null;
+            /**
+             * Settling S
+             * @description From when it stays within 5 % of the final value; null: not within the shown time.
+             */
+            readonly settling_s: number | null;
+            /**
+             * Final
+             * @description Value at the end, as a part of the step: 1 is what was wanted.
+             */
+            readonly final: number;
         };
         /**
          * StickLoss
@@ -30805,6 +31002,70 @@ export interface operations {
             readonly 429: components["responses"]["Refused429"];
             readonly 431: components["responses"]["Refused431"];
             readonly 503: components["responses"]["Refused503"];
+        };
+    };
+    readonly flight_loops_api_v1_flights__f__loops_get: {
+        readonly parameters: {
+            readonly query?: {
+                /** @description Begin of the window [s since the log's start]. */
+                readonly from_s?: number | null;
+                /** @description End of the window. */
+                readonly to_s?: number | null;
+            };
+            readonly header?: never;
+            readonly path: {
+                readonly f: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["FlightLoops"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
         };
     };
     readonly read_settings_api_v1_settings_get: {

@@ -11,6 +11,7 @@ import { Identification } from './identification.svelte';
 import { LogView } from './log-view.svelte';
 import { TwoFlights } from './two-flights.svelte';
 import { WhatIf } from './what-if.svelte';
+import { Tuning } from './tuning.svelte';
 import { Values } from './values.svelte';
 import { ParamCompare } from './param-compare.svelte';
 import { VehicleLogs } from './logs.svelte';
@@ -21,6 +22,7 @@ export const library = new FlightLibrary(page.api);
 export const view = new LogView(page.api);
 export const live = new LiveView(page.api);
 export const whatIf = new WhatIf(page.api, view);
+export const tuning = new Tuning(page.api, view);
 export const identification = new Identification(page.api, view);
 export const twoFlights = new TwoFlights(page.api, view);
 export const values = new Values(page.api, view, (url) => {
@@ -58,6 +60,7 @@ export function openRow(row: Row): Promise<void> {
   rooms.open(ROOM);
   live.close();
   whatIf.reset();
+  tuning.reset();
   twoFlights.reset();
   identification.reset();
   values.reset();
@@ -69,6 +72,7 @@ export async function openFlight(id: string, name: string): Promise<void> {
   rooms.open(ROOM);
   live.close();
   whatIf.reset();
+  tuning.reset();
   twoFlights.reset();
   identification.reset();
   values.reset();
