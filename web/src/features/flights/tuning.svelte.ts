@@ -54,7 +54,7 @@ export class Tuning {
   show({ setpoint, measured }: LoopResponse): void {
     const index = this.logIndex;
     if (index < 0 || setpoint === '') return;
-    this.view.showPanes([[measured, setpoint].map((field) => (index === 0 ? field : `${index}|${field}`))]);
+    this.view.showPanes([{ fields: [measured, setpoint].map((field) => (index === 0 ? field : `${index}|${field}`)) }]);
   }
 }
 
