@@ -124,6 +124,7 @@ class AutopilotFlights:
         self._change, self._more = change, more
         self.mode = _mode(logged.nav_state)
         self.notes: list[str] = []
+        self._stores: list[RecordedParameters] = []
         self._plans = (self._stored(None), self._stored(more.item))
         self._px4 = VERSIONS[release_name(simulated_release(logged.release))]
         self._check_change()
@@ -169,10 +170,10 @@ class AutopilotFlights:
         """
         moment, trajectory = self._moment(from_s)
         boot = {n: v for n, v in self._parameters.items() if _matches(n, FROM_BOOT)}
-        stores = [RecordedParameters(boot, self._px4) for _ in range(2)]
+        self._stores = [RecordedParameters(boot, self._px4) for _ in range(2)]
         logged = self._logged
         sim = SimulatedFleet(
-            2, links=(), stores=stores, sensor_noise=False, start_ned_m=np.zeros((2, 3)),
+            2, links=(), stores=self._stores, sensor_noise=False, start_ned_m=np.zeros((2, 3)),
             origin=SimulationOrigin(logged.home_lat_deg, logged.home_lon_deg, logged.home_alt_amsl_m),
         )  # fmt: skip
         links = _Links(sim, self._more.lost)
@@ -184,10 +185,9 @@ class AutopilotFlights:
                 name = MODES[self.mode].name
                 text = f"The simulated PX4 does not fly on in {name}: {vehicle.last_warning}."
                 raise NotFlyable(text, "item" if row == CHANGED and self._more.item else "plan")
-            stores[row].used.clear()
         self._cause(sim, links)
         flown = self._run(sim, links, duration_s)
-        for name in sorted(set(self._change.parameters) - stores[CHANGED].used):
+        for name in sorted(set(self._change.parameters) - self._stores[CHANGED].used):
             self.notes.append(f"The simulated PX4 did not use {name} in this part: it changes nothing.")
         return flown
 
@@ -209,8 +209,7 @@ class AutopilotFlights:
     def _begin(self, sim: SimulatedFleet, row: int, moment: FlightMoment) -> None:
         """Gives a vehicle the logged moment, and what its autopilot had then."""
         simulation, autopilot, logged = sim.simulation, sim.autopilots[row], self._logged
-        simulated = "SIH_MASS" in self._flight.parameters
-        store = simulation.parameters[row]
+        simulated, store = "SIH_MASS" in self._flight.parameters, self._stores[row]
         for name, value in self._flight.parameters.items():
             usable = _matches(name, FROM_LOG) and (simulated or not _matches(name, NOT_OF_REAL))
             if usable and name in store and math.isfinite(value):
@@ -223,6 +222,7 @@ class AutopilotFlights:
         if row == CHANGED:
             for name, value in self._change.parameters.items():
                 store.set(name, value)
+        self._stores[row].used.clear()
         problem = simulation.reload_parameters(row)
         if problem is not None:
             raise NotFlyable(f"{problem}.", "parameters")

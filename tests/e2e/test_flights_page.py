@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import socket
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
+from missions.plan import write
 from tests.e2e.browser import open_page, serious_violations
 from tests.e2e.keyboard.tab_order import check_tab_order
 from tests.station import free_port, is_up, running_process, server_command, wait_until
 from tests.support.flown_log import flown_log
+from tests.support.flown_mission import flown_mission, square
 from tests.unit.gcs_server.logbook.generated_ulogs import ulog
 
 pytestmark = pytest.mark.browser
@@ -148,6 +152,53 @@ def test_tuning_says_how_the_loops_respond_and_shows_the_curves(
         assert panel.evaluate(width) == page.evaluate(f"({width})(document.documentElement)") == 0
         if PICTURES:
             page.screenshot(path=Path(PICTURES) / "tuning-phone.png")
+
+
+def test_the_simulated_px4_flies_on_with_a_changed_failsafe_and_plan_item(
+    browser: Browser, server_url: str, tmp_path: Path
+) -> None:
+    _, moment_s = flown_mission(tmp_path / "vehicle", square(), until_item=2, fly_on_s=25.0)
+    (path,) = (tmp_path / "vehicle").rglob("*.ulg")
+    body = {"name": "Square", "plan": json.loads(write(square()))}
+    assert httpx.post(f"{server_url}/api/v1/plans", json=body).status_code == 201
+    with open_page(browser, server_url, scene=False) as page:
+        page.keyboard.press("Shift+E")
+        page.get_by_label("Add a log").set_input_files(path)
+        page.get_by_role("radio", name="What if").click()
+        panel = page.get_by_role("group", name="What if")
+        panel.get_by_role("radio", name="A failsafe").click()
+        panel.get_by_label("Parameter", exact=True).fill("com_low_bat_act")
+        panel.get_by_label("Value", exact=True).fill("3")
+        panel.get_by_role("button", name="Add").click()
+        panel.get_by_label("Battery at the moment").fill("6")
+        panel.get_by_label("Duration").fill("40")
+        fly = panel.get_by_role("button", name=re.compile("Fly again from"))
+        slider = page.get_by_role("slider", name="Time of the plots")
+        slider.focus()
+        for _ in range(100):
+            if float(re.findall(r"from ([\d.]+)", fly.inner_text())[0]) >= moment_s:
+                break
+            page.keyboard.press("Shift+ArrowRight")
+        fly.click()
+        expect(panel.get_by_role("alert")).to_contain_text("does not know the plan")
+        panel.get_by_label("Flown plan").select_option(label="Square")
+        fly.click()
+        status = panel.get_by_role("status")
+        expect(status).to_contain_text("it stays within", timeout=30_000)
+        changed = status.locator("ul").last
+        expect(changed).to_contain_text("Return")
+        expect(changed).to_contain_text("attery")
+        expect(panel.get_by_role("alert")).to_have_count(0)
+        assert serious_violations(page) == []
+        panel.get_by_role("radio", name="A plan item").click()
+        expect(fly).to_be_disabled()
+        panel.get_by_label("Item of the plan").fill("3")
+        panel.get_by_label("Item north by").fill("15")
+        panel.get_by_label("After it").select_option("Land")
+        fly.click()
+        expect(status.locator("ul").last).not_to_contain_text("attery", timeout=30_000)
+        expect(page.get_by_role("region", name="Pane 2")).to_contain_text("North, changed")
+        wait_until(lambda: page.evaluate(PLOTTED)[1] > 10, "the tracks")
 
 
 @pytest.mark.story

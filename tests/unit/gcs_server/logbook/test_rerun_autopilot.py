@@ -81,7 +81,9 @@ def test_a_low_battery_does_what_its_action_says_as_in_a_flight_with_it(flight, 
     )  # fmt: skip
     true = rerun(drained)["logged"]
     warned = rerun(flight, battery_percent=6.0, parameters={"COM_LOW_BAT_ACT": 0})["changed"]
-    returned = rerun(flight, battery_percent=6.0, parameters={"COM_LOW_BAT_ACT": 3})["changed"]
+    result = rerun(flight, battery_percent=6.0, parameters={"COM_LOW_BAT_ACT": 3})
+    returned = result["changed"]
+    assert result["notes"] == [], "the parameter was used"
     assert modes(warned) == ["Mission", "Return"], "the plan's own Return"
     assert any("attery" in each["text"] for each in warned["warnings"])
     assert modes(returned)[-1] == "Return"

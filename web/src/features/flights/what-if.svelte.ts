@@ -13,13 +13,30 @@ type Schemas = components['schemas'];
 export type Rerun = Schemas['RerunResult'];
 type Track = Schemas['RerunTrack'];
 export type RerunBody = Schemas['RerunRequest'];
+type Lost = NonNullable<RerunBody['lost']>[number];
+type Then = NonNullable<Schemas['ChangedItem']['then']>;
+
+type PlanVersion = Schemas['PlanVersion'];
+type Said = Pick<Problem, 'title' | 'detail'>;
+
+/** What is changed: how logged setpoints are followed; or, with the simulated PX4 that makes them, a failsafe or an item of its plan. */
+export type ChangeKind = 'control' | 'failsafe' | 'item';
+const USUAL_S: Readonly<Record<ChangeKind, string>> = { control: '20', failsafe: '60', item: '60' };
+const MAX_S: Readonly<Record<ChangeKind, number>> = { control: 120, failsafe: 600, item: 600 };
 
 export interface ChangedParameter {
   readonly name: string;
   readonly value: number;
 }
 
+const numberOf = (text: string): number | null => (text.trim() === '' || !Number.isFinite(Number(text)) ? null : Number(text));
+const isBetween = (text: string, low: number, high: number): boolean => {
+  const value = numberOf(text);
+  return text.trim() === '' || (value !== null && value >= low && value <= high);
+};
+
 export class WhatIf {
+  kind = $state<ChangeKind>('control');
   parameters = $state.raw<readonly ChangedParameter[]>([]);
   /** Motor that stops, 1 to 4; 0: none. */
   stoppedMotor = $state(0);
@@ -31,11 +48,27 @@ export class WhatIf {
   movedNorth = $state('');
   movedEast = $state('');
   movedUp = $state('');
+  /** Id of the plan that was flown; empty: the one that was noted with the flight. */
+  plan = $state('');
+  plans = $state.raw<readonly PlanVersion[] | null>(null);
+  plansProblem = $state.raw<Said | null>(null);
+  /** What is lost at the moment; empty: nothing. */
+  lost = $state<Lost | ''>('');
+  /** Charge at the moment [%]; empty: as logged. */
+  battery = $state('');
+  /** Number of the changed item, from 1. */
+  item = $state('');
+  /** Speed from the item on [m/s]; empty: as planned. */
+  speed = $state('');
+  /** What follows the item; empty: the next one. */
+  then = $state<Then | ''>('');
   isBusy = $state(false);
   result = $state.raw<Rerun | null>(null);
-  problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
+  problem = $state.raw<Said | null>(null);
   /** The unchanged and the changed path of the result, for map and 3D. */
   paths = $state.raw<readonly RerunPath[]>([]);
+  /** Of the result's times to those of the plots [s]. */
+  offset_s = 0;
   private request = 0;
 
   constructor(
@@ -52,6 +85,9 @@ export class WhatIf {
   reset(): void {
     this.request += 1;
     this.parameters = [];
+    this.kind = 'control';
+    this.duration = USUAL_S.control;
+    this.plan = this.lost = this.battery = this.item = this.speed = this.then = '';
     this.stoppedMotor = 0;
     this.windNorth = this.windEast = this.movedNorth = this.movedEast = this.movedUp = '';
     this.isBusy = false;
@@ -62,6 +98,30 @@ export class WhatIf {
   /** The paths of the result beside the flown one, at the cursor of the plots. */
   layer(): LayerContent | null {
     return rerunLayer(this.view.track, this.result?.logged.position_ned_m[0], this.paths, this.view.cursor_s);
+  }
+
+  readonly isBatteryValid = $derived(isBetween(this.battery, 0, 100));
+  readonly isSpeedValid = $derived(isBetween(this.speed, 0.1, 30));
+  readonly isItemValid = $derived(isBetween(this.item, 1, 10_000) && Number.isInteger(Number(this.item)));
+  readonly maxDuration_s = $derived(MAX_S[this.kind]);
+  /** Whether the fields of this kind of change can be flown. */
+  readonly isValid = $derived.by(() => {
+    const duration_s = numberOf(this.duration);
+    const isOwnValid = { control: true, failsafe: this.isBatteryValid, item: this.isItemValid && this.isSpeedValid && this.item.trim() !== '' }[this.kind];
+    return isOwnValid && duration_s !== null && duration_s >= 1 && duration_s <= this.maxDuration_s;
+  });
+
+  /** Chooses what is changed; a duration that nobody has changed is the usual one of it. */
+  choose(kind: ChangeKind): void {
+    if (this.duration === USUAL_S[this.kind]) this.duration = USUAL_S[kind];
+    this.kind = kind;
+  }
+
+  /** Loads the plans of this server, one of which may have been flown. */
+  async loadPlans(): Promise<void> {
+    const response = await this.api.get('/plans');
+    this.plansProblem = response.ok ? null : response.problem;
+    if (response.ok) this.plans = response.value.plans;
   }
 
   setParameter(name: string, value: number): void {
@@ -76,15 +136,19 @@ export class WhatIf {
     const [north, east] = [Number(this.windNorth), Number(this.windEast)];
     const hasWind = this.windNorth.trim() !== '' || this.windEast.trim() !== '';
     const motor = this.stoppedMotor;
-    const moved = [Number(this.movedNorth), Number(this.movedEast), -Number(this.movedUp) || 0];
-    return {
+    const metres = [Number(this.movedNorth), Number(this.movedEast), -Number(this.movedUp) || 0];
+    const moved_ned_m = metres.every((each) => each === 0) ? null : metres;
+    const common = {
       from_s,
       duration_s: Number(this.duration),
       parameters: Object.fromEntries(this.parameters.map(({ name, value }) => [name, value])),
       wind_ned_m_s: hasWind ? [north, east, 0] : null,
-      moved_ned_m: moved.every((metres) => metres === 0) ? null : moved,
       motor_health: motor === 0 ? null : [1, 2, 3, 4].map((each) => (each === motor ? 0 : 1)),
     };
+    if (this.kind === 'control') return { ...common, moved_ned_m };
+    const by = { ...common, flown_by: 'autopilot' as const, plan: this.plan === '' ? null : this.plan };
+    if (this.kind === 'failsafe') return { ...by, battery_percent: numberOf(this.battery), lost: this.lost === '' ? [] : [this.lost] };
+    return { ...by, item: { number: Number(this.item), moved_ned_m, speed_m_s: numberOf(this.speed), then: this.then === '' ? null : this.then } };
   }
 
   /** Flies from a time of the plots. */
@@ -100,11 +164,15 @@ export class WhatIf {
     this.problem = response.ok ? null : response.problem;
     if (!response.ok) return;
     this.result = response.value;
+    this.offset_s = offset_s;
     const t_s = response.value.t_s.map((at_s) => at_s + offset_s);
-    this.paths = [
-      { t_s, position_ned_m: response.value.unchanged.position_ned_m, tone: 'id2', id: 'unchanged' },
-      { t_s, position_ned_m: response.value.changed.position_ned_m, tone: 'id3', id: 'changed' },
-    ];
+    const path = ({ position_ned_m }: Track, tone: RerunPath['tone'], id: string): RerunPath => ({
+      t_s: t_s.slice(0, position_ned_m.length),
+      position_ned_m,
+      tone,
+      id,
+    });
+    this.paths = [path(response.value.unchanged, 'id2', 'unchanged'), path(response.value.changed, 'id3', 'changed')];
     const { series, panes } = plotsOf({ ...response.value, t_s });
     this.view.showComputed(series, panes, { from_s: t_s[0] ?? from_s, to_s: t_s.at(-1) ?? from_s });
   }
@@ -136,8 +204,8 @@ export function plotsOf(result: Rerun): { series: Series[]; panes: string[][] } 
   const made = (label: string, unit: string, values: readonly number[]): Series => ({
     field: `${RERUN}${label}`,
     unit,
-    samples: t_s.length,
-    t_s,
+    samples: values.length,
+    t_s: t_s.slice(0, values.length),
     values: [...values],
   });
   const error = made('Distance of the unchanged flight from the log', 'm', result.error_m);

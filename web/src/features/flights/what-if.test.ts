@@ -98,6 +98,42 @@ describe('what if', () => {
     expect(view.series.get('rerun/Height, changed')?.values).toEqual([5, 6]);
   });
 
+  it('sends a changed failsafe or plan item for the simulated PX4 to fly on with', async () => {
+    const { whatIf } = await opened();
+    whatIf.choose('failsafe');
+    expect([whatIf.duration, whatIf.maxDuration_s, whatIf.isValid]).toEqual(['60', 600, true]);
+    whatIf.setParameter('COM_LOW_BAT_ACT', 3);
+    whatIf.battery = '6';
+    whatIf.lost = 'gps';
+    whatIf.movedNorth = '5';
+    const common = { from_s: 30, duration_s: 60, parameters: { COM_LOW_BAT_ACT: 3 }, wind_ned_m_s: null, motor_health: null, flown_by: 'autopilot' };
+    expect(whatIf.body(30)).toEqual({ ...common, plan: null, battery_percent: 6, lost: ['gps'] });
+    whatIf.battery = '101';
+    expect(whatIf.isValid).toBe(false);
+    whatIf.choose('item');
+    expect(whatIf.isValid).toBe(false); // which item is not said
+    whatIf.item = '1.5';
+    expect(whatIf.isValid).toBe(false);
+    Object.assign(whatIf, { item: '3', speed: '2', then: 'return', plan: 'a1', duration: '90' });
+    expect(whatIf.isValid).toBe(true);
+    const item = { number: 3, moved_ned_m: [5, 0, 0], speed_m_s: 2, then: 'return' };
+    expect(whatIf.body(30)).toEqual({ ...common, duration_s: 90, plan: 'a1', item });
+    whatIf.choose('control');
+    expect(whatIf.duration).toBe('90'); // a person's own
+    expect(whatIf.body(30)).not.toHaveProperty('flown_by');
+  });
+
+  it('draws each path as long as its flight', async () => {
+    const short = { ...RESULT, changed: { ...RESULT.changed, position_ned_m: [[0, 1, -5]], attitude_deg: [[0, 0, 90]] } };
+    const { view, whatIf, answerNow } = await opened({ status: 200, value: short });
+    const flown = whatIf.fly(30);
+    await vi.advanceTimersByTimeAsync(10);
+    answerNow();
+    await flown;
+    expect(whatIf.paths.map(({ t_s }) => t_s)).toEqual([[30, 30.1], [30]]);
+    expect(view.series.get('rerun/Height, changed')).toMatchObject({ t_s: [30], values: [5], samples: 1 });
+  });
+
   it('is not shown in a log that was opened meanwhile', async () => {
     const { view, whatIf, answerNow } = await opened();
     const flown = whatIf.fly(30);
