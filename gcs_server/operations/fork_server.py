@@ -13,6 +13,7 @@ import asyncio
 import contextlib
 import os
 import resource
+import select
 import signal
 import socket
 import struct
@@ -20,6 +21,7 @@ import subprocess
 import threading
 from collections.abc import AsyncGenerator, Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from gcs_server.operations.process import NICENESS, WorkerFailed
 
@@ -27,6 +29,10 @@ _LENGTH = struct.Struct("!Q")
 _PID = struct.Struct("!i")
 _CHUNK_BYTES = 1 << 18
 CLOSE_TIMEOUT_S = 2.0
+STATM = Path("/proc/self/statm")
+"""Has the size of a process's address space [pages] in front."""
+CHECK_INTERVAL_S = 0.02
+"""Between two looks at the memory of a task's process [s]."""
 MAX_CPU_TIME_S = 1200
 """Limit of CPU time of a task that has more to do than others (`extend_limits`) [s]."""
 Send = Callable[[bytes], None]
@@ -40,7 +46,7 @@ class TaskLimits:
     """Limits of one task's process."""
 
     memory_bytes: int
-    """Limit of address space."""
+    """Limit of address space. A process that has used seven eighths of it is ended."""
     cpu_time_s: int
     """Limit of CPU time [s]."""
     timeout_s: int
@@ -205,7 +211,7 @@ def _run_task(connection: socket.socket, work: Callable[[bytes], bytes | Stream]
             (length,) = _LENGTH.unpack(file.read(_LENGTH.size))
             (is_stream,) = file.read(1)
             request = file.read(length)
-        threading.Thread(target=_exit_with_server, args=(connection,), daemon=True).start()
+        threading.Thread(target=_watch, args=(connection, limits.memory_bytes), daemon=True).start()
         _send_result(connection, work(request), in_pieces=bool(is_stream))
     finally:
         os._exit(0)
@@ -237,8 +243,16 @@ def _send_result(connection: socket.socket, result: bytes | Stream, *, in_pieces
     connection.sendall(_LENGTH.pack(0))
 
 
-def _exit_with_server(connection: socket.socket) -> None:
-    """Ends the process when the server closes the connection."""
+def _watch(connection: socket.socket, memory_bytes: int) -> None:
+    """Ends the process when the server closes the connection, or shortly before its memory is used up:
+    Python 3.11 never returns from an exception for whose handling it cannot create an integer."""
     with contextlib.suppress(OSError):
-        connection.recv(1)
+        while not select.select([connection], [], [], CHECK_INTERVAL_S)[0]:
+            if _address_space_bytes() > memory_bytes - memory_bytes // 8:
+                break
     os._exit(1)
+
+
+def _address_space_bytes() -> int:
+    """The address space of this process, as Linux counts it for its limit."""
+    return int(STATM.read_bytes().split()[0]) * resource.getpagesize()

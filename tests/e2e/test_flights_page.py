@@ -91,6 +91,7 @@ def test_a_log_is_added_plotted_and_deleted(browser: Browser, server_url: str, t
         expect(row).to_have_count(0)
 
 
+@pytest.mark.story
 def test_a_part_of_a_flight_is_flown_again_with_a_change(
     browser: Browser, server_url: str, tmp_path: Path
 ) -> None:

@@ -18,6 +18,7 @@ def click_points(page: Page, *points: tuple[int, int]) -> None:
         page.mouse.click(x, y)
 
 
+@pytest.mark.story
 def test_a_distance_and_an_area_are_measured_in_fly_and_plan_and_nothing_is_sent(
     browser: Browser, station: Station
 ) -> None:

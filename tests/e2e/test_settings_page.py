@@ -77,6 +77,7 @@ def test_settings_follow_a_person_into_another_browser_and_a_file(
         expect(other.get_by_label("Take-off", exact=True)).to_have_value("21")
 
 
+@pytest.mark.story
 def test_an_altitude_given_in_feet_is_flown_in_metres(browser: Browser, station: Station) -> None:
     """Field, bounds, confirmation and instruments are in feet; the vehicle flies the metres."""
     take_off_to_hold(station.drone)

@@ -63,6 +63,7 @@ def divide_by_clicks(page: Page) -> Locator:
     return view
 
 
+@pytest.mark.story
 def test_a_drawn_survey_is_divided_over_the_chosen_vehicles_with_times_and_the_smallest_distance(
     browser: Browser, station: Station
 ) -> None:

@@ -71,6 +71,7 @@ def test_it_flies_on_from_other_moments_too(flight, after_s):
     assert rerun(flight, after_s=after_s, duration_s=20.0)["max_error_m"] < NEAR_M
 
 
+@pytest.mark.story
 def test_a_low_battery_does_what_its_action_says_as_in_a_flight_with_it(flight, tmp_path):
     def drain(station):
         station.sim.simulation.set_battery_remaining(0, 0.06)
