@@ -6,6 +6,7 @@ Between two samples states and setpoints are interpolated; flags, levels and NaN
 from __future__ import annotations
 
 import contextlib
+import math
 import re
 from collections.abc import Mapping, Sequence
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_server.logbook.columns import Columns, UnknownField
+from missions.geodesy import LocalOrigin
 from missions.what_if.flight import LEAD_S, Battery, LoggedAutopilot, LoggedFlight, NotFlyable
 
 Values = NDArray[np.float64]
@@ -25,6 +27,8 @@ _TRAJECTORY_FLAGS = ("position", "velocity", "altitude", "climb_rate", "accelera
 MOTOR_COUNT = 4
 _MISSION = 3
 """`vehicle_sim.autopilot.modes.NavState`."""
+_ARMED = 2
+"""`vehicle_status.arming_state`."""
 MIN_DISCHARGE = 0.01
 """A smaller part of the charge says nothing of the time to empty."""
 
@@ -62,6 +66,7 @@ def autopilot_at(columns: Columns, firmware: str | None, from_s: float, to_s: fl
         status = _At(columns, "vehicle_status", from_s)
         if not (home.flag("valid_hpos") and home.flag("valid_alt") and home.flag("valid_lpos")):
             raise NotFlyable("The vehicle has no home position then.")
+        target_ned_m, next_target_s = _target(columns, from_s, to_s)
         return LoggedAutopilot(
             nav_state=int(status.value("nav_state")),
             home_lat_deg=home.value("lat"),
@@ -72,6 +77,8 @@ def autopilot_at(columns: Columns, firmware: str | None, from_s: float, to_s: fl
             mission_item=_mission_item(columns, from_s),
             release=_release(firmware),
             switched=_switched(columns, from_s, to_s),
+            target_ned_m=target_ned_m,
+            next_target_s=next_target_s,
         )
     except UnknownField as error:
         raise NotFlyable(f"{error.args[0][:1].upper()}{error.args[0][1:]}; a rerun needs it.") from error
@@ -112,12 +119,40 @@ def _mission_item(columns: Columns, from_s: float) -> int | None:
         return None
 
 
+def _target(
+    columns: Columns, from_s: float, to_s: float
+) -> tuple[tuple[float, float, float] | None, float | None]:
+    """The navigator's target, and when it changed within the mode of `from_s`; PX4 logs both."""
+    topic = "position_setpoint_triplet"
+    try:
+        now = _At(columns, topic, from_s)
+        if not now.flag("current.valid"):
+            return None, None
+        frame = _At(columns, "vehicle_local_position", from_s)
+        origin = LocalOrigin(frame.value("ref_lat"), frame.value("ref_lon"), frame.value("ref_alt"))
+        places = [
+            columns.column(f"{topic}:0", f"current.{name}")[0] for name in ("lat", "lon", "alt", "type")
+        ]
+        times_s, states = columns.times(f"{topic}:0"), _Part(columns, columns.times(f"{topic}:0"))
+        modes = states.held("vehicle_status", "nav_state")
+    except UnknownField:
+        return None, None
+    moved = np.any([each != each[now.row] for each in places], axis=0) & (modes == modes[now.row])
+    later = np.flatnonzero(moved & (times_s > from_s) & (times_s <= to_s))
+    lat_deg, lon_deg, alt_amsl_m = (float(each[now.row]) for each in places[:3])
+    target_ned_m = origin.to_ned(lat_deg, lon_deg, alt_amsl_m)
+    known = all(map(math.isfinite, target_ned_m))
+    return target_ned_m if known else None, float(times_s[later[0]]) if len(later) else None
+
+
 def _switched(columns: Columns, from_s: float, to_s: float) -> tuple[float, int] | None:
     """The first later change of the intended mode that the autopilot did not make itself: at the end of its
     mission it intends Hold."""
     times_s = columns.times("vehicle_status:0")
     intended = np.asarray(columns.column("vehicle_status:0", "nav_state_user_intention")[0])
-    for row in np.flatnonzero((times_s[1:] > from_s) & (times_s[1:] <= to_s) & (np.diff(intended) != 0)) + 1:
+    armed = np.asarray(columns.column("vehicle_status:0", "arming_state")[0]) == _ARMED
+    later = armed & (times_s > from_s) & (times_s <= to_s)
+    for row in np.flatnonzero(later[1:] & (np.diff(intended) != 0)) + 1:
         t_s = float(times_s[row])
         with contextlib.suppress(UnknownField):
             if intended[row - 1] == _MISSION and _At(columns, "mission_result", t_s).flag("finished"):

@@ -185,6 +185,8 @@ class AutopilotFlights:
                 name = MODES[self.mode].name
                 text = f"The simulated PX4 does not fly on in {name}: {vehicle.last_warning}."
                 raise NotFlyable(text, "item" if row == CHANGED and self._more.item else "plan")
+            if self.mode is NavState.HOLD and logged.target_ned_m is not None:
+                vehicle.autopilot.navigator.path.target_ned_m = self._from_home(logged.target_ned_m)
         self._cause(sim, links)
         flown = self._run(sim, links, duration_s)
         for name in sorted(set(self._change.parameters) - self._stores[CHANGED].used):
@@ -197,7 +199,7 @@ class AutopilotFlights:
         moment = Rerun(flight, self._parameters, self._wind, Change({})).moment(from_s)
         start = flight.first_after(from_s)
         trajectory = (
-            _vector(flight.target_position_ned_m[start] - home_ned_m),
+            self._from_home(flight.target_position_ned_m[start]),
             _vector(flight.target_velocity_ned_m_s[start]),
             _vector(flight.target_acceleration_ned_m_s2[start]),
         )
@@ -205,6 +207,9 @@ class AutopilotFlights:
         if position_ned_m[2] > -MIN_HEIGHT_M:
             raise NotFlyable("The vehicle is not above the height of its home then: the ground is there.")
         return replace(moment, position_ned_m=position_ned_m), trajectory
+
+    def _from_home(self, position_ned_m: Values | Vector) -> Vector:
+        return _vector(np.asarray(position_ned_m) - self._logged.home_ned_m)
 
     def _begin(self, sim: SimulatedFleet, row: int, moment: FlightMoment) -> None:
         """Gives a vehicle the logged moment, and what its autopilot had then."""

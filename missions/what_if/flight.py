@@ -119,3 +119,7 @@ class LoggedAutopilot:
     switched: tuple[float, int] | None
     """Time [s since the log's start] and nav state of the first later mode that the autopilot did not select
     itself; None: there is none."""
+    target_ned_m: tuple[float, float, float] | None = None
+    """Where it holds, or flies to in Hold, in the local frame of the log; None: not logged."""
+    next_target_s: float | None = None
+    """When it got another one in Hold [s since the log's start]; None: it did not."""

@@ -18,6 +18,7 @@ from missions.what_if.flight import LoggedAutopilot, LoggedFlight, NotFlyable
 from missions.what_if.identified import Identified
 from missions.what_if.model import BODY, Model, body_parameters, identify
 from missions.what_if.rerun import ALL_WORK, NOT_MOVED, Change, Rerun, Track
+from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.frames import euler_of
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import STEP_S
@@ -133,11 +134,16 @@ def _autopilot_track(flown: Flown, began_s: float) -> dict[str, Any]:
 
 def _mode_notes(logged: LoggedAutopilot) -> list[str]:
     """What the log's flight was told later."""
-    if logged.switched is None:
-        return []
-    t_s, nav_state = logged.switched
-    name = mode_name(nav_state)
-    return [f"At {t_s:.1f} s the vehicle was switched to {name}; that is not flown again."]
+    notes: list[str] = []
+    if logged.next_target_s is not None and logged.nav_state == NavState.HOLD:
+        notes.append(
+            f"At {logged.next_target_s:.1f} s it was sent to another position; that is not flown again."
+        )
+    if logged.switched is not None:
+        t_s, nav_state = logged.switched
+        name = mode_name(nav_state)
+        notes.append(f"At {t_s:.1f} s the vehicle was switched to {name}; that is not flown again.")
+    return notes
 
 
 def _errors(error_m: Values, error_deg: Values) -> dict[str, Any]:

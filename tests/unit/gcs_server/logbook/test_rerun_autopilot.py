@@ -1,24 +1,30 @@
 """The simulated PX4 flies on from a moment of a logged mission: unchanged it stays with the log, and a change
 does what it does to a simulated flight with that change."""
 
+import gzip
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gcs_server.logbook import tasks
+from gcs_server.logbook import overview, tasks
 from gcs_server.logbook.columns import Columns
+from gcs_server.logbook.columns import write as write_columns
 from gcs_server.logbook.flown import autopilot_at, flown
+from gcs_server.logbook.log import Log, Topic
+from gcs_server.logbook.ulog import read_ulog
 from missions.plan import write
 from missions.what_if.autopilot import AutopilotChange, AutopilotFlights
 from missions.what_if.flight import NotFlyable
 from missions.what_if.rerun import Change
-from tests.support.flown_mission import ALTITUDE_M, flown_mission, square
+from tests.support.flown_mission import ALTITUDE_M, HOME, flown_mission, square
 
 pytestmark = pytest.mark.flight
 
 TO_SECOND_CORNER = 2
+RECORDED = Path(__file__).resolve().parents[5] / "shared/px4/logs/flight-short.ulg.gz"
 NEAR_M = 0.5
 """Without noise of the sensors; with it, the logged estimates are themselves wrong by some decimetres."""
 
@@ -179,3 +185,53 @@ def test_a_mode_with_foreign_setpoints_is_refused(flight):
     with pytest.raises(NotFlyable, match="flew in Offboard then") as refused:
         AutopilotFlights(part, offboard, None, {}, (0.0, 0.0, 0.0), Change({}), AutopilotChange())
     assert refused.value.field == "flown_by"
+
+
+def test_hold_flies_to_the_logged_target_and_a_later_one_is_said(tmp_path):
+    """Our simulated PX4 logs no target of the navigator; PX4's names and values are written here."""
+    lat_deg, lon_deg, alt_amsl_m = HOME.to_geodetic((30.0, -20.0, -15.0))
+    at_s, step = np.arange(0.0, 9.0, 0.2), np.arange(45) >= 20
+    values = {
+        "position_setpoint_triplet": {
+            "current.valid": np.ones(45), "current.type": np.full(45, 2.0),
+            "current.lat": np.where(step, lat_deg + 1e-4, lat_deg), "current.lon": np.full(45, lon_deg),
+            "current.alt": np.full(45, alt_amsl_m),
+        },
+        "vehicle_local_position": {
+            "ref_lat": np.full(45, HOME.lat_deg), "ref_lon": np.full(45, HOME.lon_deg),
+            "ref_alt": np.full(45, HOME.alt_amsl_m),
+        },
+        "home_position": {
+            "valid_hpos": np.ones(45), "valid_alt": np.ones(45), "valid_lpos": np.ones(45),
+            "lat": np.full(45, HOME.lat_deg), "lon": np.full(45, HOME.lon_deg),
+            "alt": np.full(45, HOME.alt_amsl_m), "x": np.zeros(45), "y": np.zeros(45), "z": np.zeros(45),
+        },
+        "vehicle_status": {
+            "nav_state": np.full(45, 4), "nav_state_user_intention": np.where(step, 18, 4),
+            "arming_state": np.full(45, 2),
+        },
+    }  # fmt: skip
+    topics = [Topic(name, "0", at_s, columns, {}) for name, columns in values.items()]
+    log = Log(kind="ulog", start_unix_s=None, duration_s=9.0, topics=topics, vehicles=[])
+    write_columns(log, overview.encode(log), tmp_path / "columns")
+    logged = autopilot_at(Columns(tmp_path / "columns"), None, 1.0, 8.0)
+    assert logged.target_ned_m == pytest.approx((30.0, -20.0, -15.0), abs=0.01)
+    assert (logged.next_target_s, logged.switched) == (pytest.approx(4.0), (pytest.approx(4.0), 18))
+    assert (logged.battery, logged.mission_item, logged.release) == (None, None, None)
+
+
+@pytest.mark.skipif(not RECORDED.exists(), reason="without ../shared/px4/logs/flight-short.ulg.gz")
+@pytest.mark.parametrize(
+    ("from_s", "duration_s", "mode"),
+    [(20.4, 3.7, "Hold"), (24.5, 4.5, "Hold"), (29.5, 9.0, "Land"), (33.2, 6.0, "Land")],
+)
+def test_a_recorded_px4_stays_near_its_log(tmp_path, from_s, duration_s, mode):
+    """A real PX4 v1.16 (its own SIH): hovering, then a go-to in Hold, then a landing."""
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(gzip.decompress(RECORDED.read_bytes()))
+    log = read_ulog(path)
+    write_columns(log, overview.encode(log), tmp_path / "columns")
+    result = rerun((tmp_path / "columns", from_s), duration_s=duration_s, plan=False)
+    assert modes(result["unchanged"]) == [mode]
+    assert result["max_error_m"] < 1.0
+    assert result["notes"] == []
