@@ -8,6 +8,7 @@
     ├── UnknownOperation         no operation with this id (or it was dropped)
     ├── UnknownPlan              no plan with this id, or no such version of the plan
     ├── UnknownDryRun            no dry run with this id (or it was dropped)
+    ├── UnknownProof             no proof with this id (or it was dropped)
     ├── PlanConflict             another client saved the plan meanwhile
     ├── UnknownRecording         no recording or replay with this name
     ├── RecordingUnusable        a recording that cannot be read
@@ -114,6 +115,12 @@ class UnknownDryRun(GcsError):
     """No dry run has this id, or it was dropped."""
 
     code = "unknown_dry_run"
+
+
+class UnknownProof(GcsError):
+    """No proof of gains has this id, or it was dropped."""
+
+    code = "unknown_proof"
 
 
 class PlanConflict(GcsError):

@@ -34,6 +34,7 @@ from gcs_server.errors import (
     UnknownLink,
     UnknownOperation,
     UnknownPlan,
+    UnknownProof,
     UnknownRecording,
     UnknownVehicle,
 )
@@ -62,6 +63,7 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (UnknownOperation, 404, "Unknown operation"),
     (UnknownPlan, 404, "Unknown plan"),
     (UnknownDryRun, 404, "Unknown dry run"),
+    (UnknownProof, 404, "Unknown proof"),
     (UnknownRecording, 404, "Unknown recording"),
     (RecordingUnusable, 409, "Recording unusable"),
     (UnknownFlight, 404, "Unknown flight"),

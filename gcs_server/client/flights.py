@@ -9,15 +9,16 @@ from typing import Any, Literal, Protocol
 from urllib.parse import quote, urlencode
 
 from gcs_server.client.control import VehicleApi
+from gcs_server.client.plans import GcsApi, Operations
 from gcs_server.client.setpoints import Body
 
+PROOF_TIMEOUT_S = 900.0
 QueryValue = str | float | int | Sequence[str] | None
 
 
-class FlightsApi(Protocol):
+class FlightsApi(GcsApi, Protocol):
     """The part of `Gcs` that this module uses."""
 
-    async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
     async def download(self, path: str, file: Path) -> int: ...
 
 
@@ -68,6 +69,28 @@ class Flights:
         """
         query = _query({"from_s": from_s, "to_s": to_s})
         return (await self._gcs.request("GET", _path(flight, "loops", query)))["loops"]
+
+    async def prove(
+        self, vehicle: str, parameters: Mapping[str, float], *, runs: int = 100, seed: int = 0
+    ) -> dict[str, Any]:
+        """Flies new gains in simulation, in varied conditions, beside the vehicle's present ones; returns
+        whether they `passed`, and each run's `failures`. Nothing is written.
+
+        Args:
+            vehicle: id of the connected vehicle.
+            parameters: the proposed values (MC_*, MPC_*).
+            runs: number of conditions.
+            seed: equal seeds give equal proofs.
+
+        Raises:
+            Invalid: nothing is known of the vehicle's body.
+            Refused: a value cannot be proved.
+            Timeout: it goes on without this program.
+        """
+        body: Body = {"vehicle": vehicle, "parameters": dict(parameters), "runs": runs, "seed": seed}
+        operation = await self._gcs.request("POST", "/proofs", body)
+        operation = await Operations(self._gcs).wait(operation["id"], timeout_s=PROOF_TIMEOUT_S)
+        return await self._gcs.request("GET", f"/proofs/{operation['result']['proof']}")
 
     async def beside(
         self,

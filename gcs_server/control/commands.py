@@ -379,6 +379,7 @@ ALL: tuple[Command, ...] = (
     Command("model/keep", "plan", ("PUT /vehicles/{v}/model",)),
     Command("model/forget", "plan", ("DELETE /vehicles/{v}/model",)),
     Command("dry_runs/start", "plan", ("POST /dry_runs",)),
+    Command("proofs/start", "plan", ("POST /proofs",)),
     # operations
     Command(
         "operations/cancel",
@@ -445,6 +446,7 @@ ALL: tuple[Command, ...] = (
         "POST /plans/table",
         "GET /elevation",
         "GET /dry_runs/{d}",
+        "GET /proofs/{p}",
         "POST /vehicles/{v}/mission/compare",
     ),
     _view("flights/rerun", "POST /flights/{f}/rerun"),

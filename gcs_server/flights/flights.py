@@ -10,6 +10,7 @@ from gcs_server.flights.mission_modes import MissionModes
 from gcs_server.flights.mission_start import compile_inputs_of, prepare_mode
 from gcs_server.flights.missions import OffboardMissions
 from gcs_server.flights.preparation import Preparer
+from gcs_server.flights.proofs import Proofs
 from gcs_server.flights.resume import ProgressStore
 from gcs_server.flights.vehicle_models import VehicleModels
 from gcs_server.flights.waypoint_flights import WaypointFlights
@@ -58,6 +59,7 @@ class Flights:
         self._supervisor, self._streamer = supervisor, streamer
         self.fleet, self.operations, self.plans, self.plan_work = fleet, operations, plans, plan_work
         self.dry_runs = DryRuns()
+        self.proofs = Proofs()
         self.known_ground = KnownGround(clock, fleet, plan_work)
         self.groups = Groups(clock, streams, fleet.events, streamer.offboard)
         self.missions = OffboardMissions(clock, streamer, streams, self.groups, supervisor)

@@ -13,10 +13,19 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
+from gcs_server.client import SyncGcs
 from missions.plan import write
 from tests.e2e.browser import open_page, serious_violations
 from tests.e2e.keyboard.tab_order import check_tab_order
-from tests.station import free_port, is_up, running_process, server_command, wait_until
+from tests.station import (
+    free_port,
+    is_up,
+    running_process,
+    running_server,
+    running_vehicles,
+    server_command,
+    wait_until,
+)
 from tests.support.flown_log import flown_log
 from tests.support.flown_mission import flown_mission, square
 from tests.unit.gcs_server.logbook.generated_ulogs import ulog
@@ -231,3 +240,55 @@ def test_two_flights_are_laid_over_each_other_and_say_how_they_differ(
         assert serious_violations(page) == []
         second.select_option(index=0)
         expect(flights).not_to_contain_text("as root mean square")
+
+
+@pytest.mark.story
+def test_gains_are_written_only_after_a_proof_of_exactly_these_values(
+    browser: Browser, tmp_path: Path
+) -> None:
+    path, _ = flown_log(tmp_path / "flown", (0.0, 3.0, 0.0))
+    port = free_port()
+    with (
+        running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
+        running_vehicles(port),
+        SyncGcs(url, client="e2e") as gcs,
+    ):
+        drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+        before = drone.param("MC_ROLLRATE_P")
+        with open_page(browser, url, scene=False) as page:
+            page.locator(".pill").wait_for()
+            page.keyboard.press("Shift+E")
+            page.get_by_label("Add a log").set_input_files(path)
+            page.get_by_role("radio", name="Tuning").click()
+            panel = page.get_by_role("group", name="Tuning")
+            write = panel.get_by_role("button", name="Review and write…")
+
+            def propose(value: str) -> None:
+                panel.get_by_label("Gain", exact=True).fill("mc_rollrate_p")
+                panel.get_by_label("Value", exact=True).fill(value)
+                panel.get_by_role("button", name="Add").click()
+                expect(write).to_be_disabled()
+                panel.get_by_role("button", name=re.compile("^Prove for ")).click()
+
+            propose("1.5")
+            expect(panel).to_contain_text("Not passed", timeout=120_000)
+            expect(panel).to_contain_text("drives motors to their limits")
+            expect(write).to_be_disabled()
+            if PICTURES:
+                panel.get_by_text("Not passed").scroll_into_view_if_needed()
+                page.screenshot(path=Path(PICTURES) / "proof-failed.png")
+            propose("0.17")
+            expect(panel).to_contain_text("100 of 100 flights are stable", timeout=120_000)
+            check_tab_order(page, "Tab")
+            assert serious_violations(page) == []
+            write.click()
+            review = panel.get_by_role("region", name="Review")
+            review.get_by_role("button", name="Write 1 parameter").click()
+            expect(panel).to_contain_text("1 of 1 written.")
+            assert drone.param("MC_ROLLRATE_P") == pytest.approx(0.17)
+            if PICTURES:
+                page.screenshot(path=Path(PICTURES) / "proof-written.png")
+            panel.get_by_role("button", name="Take back…").click()
+            review.get_by_role("button", name="Write 1 parameter").click()
+            expect(panel.get_by_role("button", name="Take back…")).to_have_count(0)
+            assert drone.param("MC_ROLLRATE_P") == pytest.approx(before)

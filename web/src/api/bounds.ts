@@ -335,6 +335,10 @@ export const BOUNDS = {
     mass_kg: {"above":0,"max":10000},
     reserve: {"min":0},
   },
+  ProofRequest: {
+    runs: {"min":1,"max":200},
+    seed: {"min":0},
+  },
   RallyPoint: {
     lat_deg: {"min":-90,"max":90},
     lon_deg: {"min":-180,"max":180},

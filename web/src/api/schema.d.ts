@@ -3148,6 +3148,51 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/proofs": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Start Proof
+         * @description Flies a manoeuvre in simulation in varied wind, mass, thrust and inertia, each time with the vehicle's
+         *     present values and with the proposed ones; changes nothing and commands no vehicle.
+         *
+         *     A proof is an operation with progress; `DELETE /operations/{id}` cancels it. After success, `GET
+         *     /proofs/{p}` returns the result; `p` is `result.proof` of the operation.
+         */
+        readonly post: operations["start_proof_api_v1_proofs_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/proofs/{p}": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Proof
+         * @description The result of a proof: of each run whether it was stable with the present and with the proposed values,
+         *     and which limits it exceeded; the last ten are kept until the server ends.
+         */
+        readonly get: operations["show_proof_api_v1_proofs__p__get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/readiness": {
         readonly parameters: {
             readonly query?: never;
@@ -14950,6 +14995,277 @@ export interface components {
              * @description With 504: how long the server waited [s].
              */
             readonly deadline_s?: number | null;
+        };
+        /**
+         * Proof
+         * @description A hundred runs with the present and with the proposed gains.
+         */
+        readonly Proof: {
+            /**
+             * Passed
+             * @description Whether every run with the proposed gains is stable.
+             */
+            readonly passed: boolean;
+            /**
+             * Parameters
+             * @description The proposed values, of which this is the proof.
+             */
+            readonly parameters: {
+                readonly [key: string]: number;
+            };
+            /**
+             * Present
+             * @description The values that they would replace.
+             */
+            readonly present: {
+                readonly [key: string]: number;
+            };
+            /**
+             * Runs
+             * @description Runs.
+             */
+            readonly runs: number;
+            /**
+             * Seed
+             * @description Seed.
+             */
+            readonly seed: number;
+            /**
+             * Stable
+             * @description Number of stable runs with the proposed gains.
+             */
+            readonly stable: number;
+            /**
+             * Stable At Present
+             * @description Number of stable runs with the present gains.
+             */
+            readonly stable_at_present: number;
+            /**
+             * Worst
+             * @description Number of the run with the proposed gains that comes nearest to a limit, or goes beyond most.
+             */
+            readonly worst: number;
+            /** @description Limits. */
+            readonly limits: components["schemas"]["ProofLimits"];
+            /** @description Spread. */
+            readonly spread: components["schemas"]["ProofSpread"];
+            /**
+             * Pairs
+             * @description Pairs.
+             */
+            readonly pairs: readonly components["schemas"]["ProofPair"][];
+            /**
+             * Assumed
+             * @description What was assumed of the vehicle, as sentences.
+             */
+            readonly assumed: readonly string[];
+            /** Id */
+            readonly id: string;
+            /** Vehicle */
+            readonly vehicle: string;
+        };
+        /**
+         * ProofConditions
+         * @description Conditions of one run.
+         */
+        readonly ProofConditions: {
+            /**
+             * Wind Ne M S
+             * @description Wind ne [m/s].
+             */
+            readonly wind_ne_m_s: readonly [
+                number,
+                number
+            ];
+            /**
+             * Gusts M S
+             * @description Gusts [m/s].
+             */
+            readonly gusts_m_s: number;
+            /**
+             * Mass
+             * @description Factor on the mass.
+             */
+            readonly mass: number;
+            /**
+             * Thrust
+             * @description Factor on the thrust at full signal.
+             */
+            readonly thrust: number;
+            /**
+             * Inertia
+             * @description Factors on the inertia of roll, pitch and yaw.
+             */
+            readonly inertia: readonly [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Lag
+             * @description Factor on the time constant of the motors.
+             */
+            readonly lag: number;
+        };
+        /**
+         * ProofLimits
+         * @description Beyond these a run is not stable.
+         */
+        readonly ProofLimits: {
+            /**
+             * Tilt Error Deg
+             * @description Root of the mean square of the angle between the wanted and the flown axis of thrust.
+             */
+            readonly tilt_error_deg: number;
+            /**
+             * Swing Deg S
+             * @description Root of the mean square of the body rates above 1 Hz in the hover at the end.
+             */
+            readonly swing_deg_s: number;
+            /**
+             * Saturated Share
+             * @description Part of the time in which a motor is at a limit.
+             */
+            readonly saturated_share: number;
+            /**
+             * Altitude M
+             * @description Error of the altitude in the hover at the end.
+             */
+            readonly altitude_m: number;
+            /**
+             * Position M
+             * @description Horizontal error of the position in the hover at the end.
+             */
+            readonly position_m: number;
+            /**
+             * Tilt Deg
+             * @description A larger tilt is a loss of control, as a touch of the ground is.
+             */
+            readonly tilt_deg: number;
+        };
+        /**
+         * ProofPair
+         * @description Two runs in the same conditions.
+         */
+        readonly ProofPair: {
+            /**
+             * Number
+             * @description From 1.
+             */
+            readonly number: number;
+            /** @description Conditions. */
+            readonly conditions: components["schemas"]["ProofConditions"];
+            /** @description Present. */
+            readonly present: components["schemas"]["ProofRun"];
+            /** @description Proposed. */
+            readonly proposed: components["schemas"]["ProofRun"];
+        };
+        /**
+         * ProofRequest
+         * @description Values that are to be proved before they are written.
+         * @example {
+         *       "parameters": {
+         *         "MC_PITCHRATE_P": 0.18,
+         *         "MC_ROLLRATE_P": 0.18
+         *       },
+         *       "vehicle": "1"
+         *     }
+         */
+        readonly ProofRequest: {
+            /**
+             * Vehicle
+             * @description Id of the vehicle to which they would be written; its other parameters and its body are simulated.
+             */
+            readonly vehicle: string;
+            /**
+             * Parameters
+             * @description The proposed values: gains and limits of the controllers (MC_*, MPC_*).
+             */
+            readonly parameters: {
+                readonly [key: string]: number;
+            };
+            /**
+             * Runs
+             * @description Number of conditions; the page writes only what was proved in 100.
+             */
+            readonly runs?: number;
+            /**
+             * Seed
+             * @description Seed of conditions, gusts and noise: equal seeds give equal proofs.
+             */
+            readonly seed?: number;
+        };
+        /**
+         * ProofRun
+         * @description What one run with some gains came to.
+         */
+        readonly ProofRun: {
+            /**
+             * Failures
+             * @description Which limits were exceeded; empty: stable.
+             */
+            readonly failures: readonly ("crashed" | "oscillates" | "tracking" | "saturated" | "altitude" | "position")[];
+            /**
+             * Tilt Error Deg
+             * @description Tilt error [deg].
+             */
+            readonly tilt_error_deg: number;
+            /**
+             * Swing Deg S
+             * @description Swing [deg/s].
+             */
+            readonly swing_deg_s: number;
+            /**
+             * Saturated Share
+             * @description Saturated share.
+             */
+            readonly saturated_share: number;
+            /**
+             * Altitude M
+             * @description Altitude [m].
+             */
+            readonly altitude_m: number;
+            /**
+             * Position M
+             * @description Position [m].
+             */
+            readonly position_m: number;
+        };
+        /**
+         * ProofSpread
+         * @description Standard deviations of the conditions.
+         */
+        readonly ProofSpread: {
+            /**
+             * Wind M S
+             * @description Steady wind, on each horizontal axis.
+             */
+            readonly wind_m_s: number;
+            /**
+             * Gusts M S
+             * @description Gusts: the standard deviation of a run is drawn evenly from 0 to this.
+             */
+            readonly gusts_m_s: number;
+            /**
+             * Mass
+             * @description Mass, as a part of it; inertia grows with it.
+             */
+            readonly mass: number;
+            /**
+             * Thrust
+             * @description Thrust at full signal, as a part of it: batteries and propellers.
+             */
+            readonly thrust: number;
+            /**
+             * Inertia
+             * @description Inertia of each axis, as a part of it, besides that of the mass.
+             */
+            readonly inertia: number;
+            /**
+             * Lag
+             * @description Time constant of the motors, as a part of it.
+             */
+            readonly lag: number;
         };
         /**
          * RallyPoint
@@ -29848,6 +30164,126 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["PlanVersions"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly start_proof_api_v1_proofs_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ProofRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 202: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Operation"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_proof_api_v1_proofs__p__get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly p: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Proof"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

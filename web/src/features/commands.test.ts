@@ -415,6 +415,7 @@ const COMPUTING = new Set([
   '/map_regions/size',
   '/map_sources/wmts_layers',
   '/flights/{f}/rerun',
+  '/proofs',
   '/plans/check',
   '/plans/convert',
   '/plans/divide',

@@ -12,6 +12,7 @@ import { LogView } from './log-view.svelte';
 import { TwoFlights } from './two-flights.svelte';
 import { WhatIf } from './what-if.svelte';
 import { Tuning } from './tuning.svelte';
+import { GainProof } from './gain-proof.svelte';
 import { Values } from './values.svelte';
 import { ParamCompare } from './param-compare.svelte';
 import { VehicleLogs } from './logs.svelte';
@@ -23,6 +24,7 @@ export const view = new LogView(page.api);
 export const live = new LiveView(page.api);
 export const whatIf = new WhatIf(page.api, view);
 export const tuning = new Tuning(page.api, view);
+export const gainProof = new GainProof(page.api);
 export const identification = new Identification(page.api, view);
 export const twoFlights = new TwoFlights(page.api, view);
 export const values = new Values(page.api, view, (url) => {
