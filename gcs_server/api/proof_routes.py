@@ -32,8 +32,8 @@ ProofModel = model_of(
     limits=model_of(p.Limits, "ProofLimits"),
     spread=model_of(p.ProofSpread),
     pairs=list[PairModel],
-    id=str,
-    vehicle=str,
+    id=Annotated[str, Field(description="Id of the proof.")],
+    vehicle=Annotated[str, Field(description="Id of the vehicle.")],
 )
 
 

@@ -15059,9 +15059,15 @@ export interface components {
              * @description What was assumed of the vehicle, as sentences.
              */
             readonly assumed: readonly string[];
-            /** Id */
+            /**
+             * Id
+             * @description Id of the proof.
+             */
             readonly id: string;
-            /** Vehicle */
+            /**
+             * Vehicle
+             * @description Id of the vehicle.
+             */
             readonly vehicle: string;
         };
         /**
