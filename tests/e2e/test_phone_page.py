@@ -68,6 +68,14 @@ def test_hold_land_and_stop_motors_are_in_reach_while_a_mission_is_flown(
             page.get_by_label(f"{name} view").first.wait_for()
             for control in actions_of(page):
                 assert_in_reach(page, control)
+        page.get_by_role("navigation", name="Views").get_by_role("button", name="Files").tap()
+        files = page.get_by_role("region", name="Files")
+        expect(files).to_be_visible()
+        expect(page.get_by_label("Offboard view")).to_have_count(0)
+        for control in actions_of(page):
+            assert_in_reach(page, control)
+        page.get_by_role("navigation", name="Views").get_by_role("button", name="Plan").tap()
+        expect(files).to_have_count(0)
         actions_of(page)[1].tap()
         slide_by_touch(page)
         drone.until(lambda v: v["status"]["mode"] == "land", what="the landing")

@@ -240,32 +240,56 @@ class Registry {
     return this.panels.some((panel) => panel.id === id && isOffered(panel, facts));
   }
 
-  /** Opens or closes a panel. @returns false if the panel is not offered for this vehicle. */
+  /** Opens or closes a panel. On a phone a room makes way for one of the rail. @returns false if the panel is not offered for this vehicle. */
   toggle(id: string, facts: VehicleFacts | null): boolean {
     if (!this.offers(id, facts)) return false;
-    this.openPanels = this.isOpen(id) ? this.openPanels.filter((open) => open !== id) : [...this.openPanels, id];
+    if (this.isOpen(id)) {
+      this.close(id);
+      return true;
+    }
+    this.openPanels = [...this.openPanels, id];
+    if (isPhone() && this.isOnRail(id)) rooms.openId = FLY;
     return true;
   }
 
   close(id: string): void {
     this.openPanels = this.openPanels.filter((open) => open !== id);
   }
+
+  /** Closes the panels of the rail. */
+  closeRail(): void {
+    this.openPanels = this.openPanels.filter((id) => !this.isOnRail(id));
+  }
+
+  private isOnRail(id: string): boolean {
+    return this.panels.some((panel) => panel.id === id && panel.rail !== undefined);
+  }
+}
+
+/** Whether the page is as narrow as a phone, on which a panel over a room would hide Hold, Land now and Stop motors. */
+function isPhone(): boolean {
+  return typeof matchMedia === 'function' && matchMedia('(max-width: 700px)').matches;
 }
 
 export const registry = new Registry();
 
-/** Opens and closes rooms. `openId` is the open room's id; `fly` is the page without a room. */
+/** Id of the page without a room. */
+const FLY = 'fly';
+
+/** Opens and closes rooms. `openId` is the open room's id. */
 class Rooms {
-  openId = $state('fly');
+  openId = $state(FLY);
 
   readonly room = $derived(registry.rooms.find((room) => room.id === this.openId) ?? null);
 
+  /** On a phone panels of the rail make way for it. */
   open(id: string): void {
     this.openId = id;
+    if (isPhone()) registry.closeRail();
   }
 
   toggle(id: string): void {
-    this.openId = this.openId === id ? 'fly' : id;
+    this.open(this.openId === id ? FLY : id);
   }
 }
 
