@@ -185,8 +185,7 @@ class AutopilotFlights:
                 name = MODES[self.mode].name
                 text = f"The simulated PX4 does not fly on in {name}: {vehicle.last_warning}."
                 raise NotFlyable(text, "item" if row == CHANGED and self._more.item else "plan")
-            if self.mode is NavState.HOLD and logged.target_ned_m is not None:
-                vehicle.autopilot.navigator.path.target_ned_m = self._from_home(logged.target_ned_m)
+            self._set_target(vehicle.autopilot)
         self._cause(sim, links)
         flown = self._run(sim, links, duration_s)
         for name in sorted(set(self._change.parameters) - self._stores[CHANGED].used):
@@ -207,6 +206,14 @@ class AutopilotFlights:
         if position_ned_m[2] > -MIN_HEIGHT_M:
             raise NotFlyable("The vehicle is not above the height of its home then: the ground is there.")
         return replace(moment, position_ned_m=position_ned_m), trajectory
+
+    def _set_target(self, autopilot: Autopilot) -> None:
+        """The logged place of Hold, of a landing, or above which Return climbs."""
+        if self.mode is NavState.MISSION or self._logged.target_ned_m is None:
+            return
+        path = autopilot.navigator.path
+        north, east, down = self._from_home(self._logged.target_ned_m)
+        path.target_ned_m = (north, east, down if self.mode is NavState.HOLD else path.target_ned_m[2])
 
     def _from_home(self, position_ned_m: Values | Vector) -> Vector:
         return _vector(np.asarray(position_ned_m) - self._logged.home_ned_m)

@@ -350,7 +350,9 @@ class Autopilot:
         self._setpoints.trajectory(*trajectory_ned, yaw_ned_rad=self.view.estimate.yaw_ned_rad)
         if mode is NavState.HOLD:  # in which a vehicle may already be
             self.navigator.enter(mode, mode, in_air=True)
-        return self.commander.set_mode(mode)
+        flies = self.commander.set_mode(mode)
+        self.navigator.path.keep_speed()
+        return flies
 
     def receive_goto(self, goto: Goto) -> None:
         """Handles GotoSetpoint, which overrides the setpoints of every mode that controls the position."""

@@ -156,6 +156,10 @@ class Path:
         self.face_target = False
         self.target_ned_m = (None, None, None)
 
+    def keep_speed(self) -> None:
+        """Lets the trajectory turn with its speed, where `restart` lets it brake first."""
+        self._smoothing.begin(math.hypot(self.x.velocity_m_s, self.y.velocity_m_s))
+
     def stay_at_vehicle(self) -> None:
         """Sets the trajectory to the vehicle's position; for vehicles on the ground and in stick modes."""
         self._resets.discard()

@@ -100,10 +100,10 @@ class Smoothing:
         """The waypoints that `_triplet_row` contains."""
         self._triplet_row = triplet
 
-    def begin(self) -> None:
-        """Sets the stored speed before a turn to 0, so that a vehicle not moving towards the target
-        brakes first."""
-        self._before_turn_m_s[0] = 0.0
+    def begin(self, before_turn_m_s: float = 0.0) -> None:
+        """Sets the stored speed before a turn: with 0 a vehicle not moving towards the target brakes
+        first."""
+        self._before_turn_m_s[0] = before_turn_m_s
 
     def fly(self, dt_s: float, triplet: WaypointTriplet, limits: SpeedLimits) -> None:
         """Advances all axes by one tick along the waypoints."""

@@ -72,7 +72,7 @@ def test_an_unchanged_mission_stays_with_the_log_over_its_corners_and_in_return(
     assert result["notes"] == []
 
 
-@pytest.mark.parametrize("after_s", [-14.0, 30.0, 45.0])
+@pytest.mark.parametrize("after_s", [-14.0, 10.0, 11.0, 30.0, 45.0])
 def test_it_flies_on_from_other_moments_too(flight, after_s):
     assert rerun(flight, after_s=after_s, duration_s=20.0)["max_error_m"] < NEAR_M
 
@@ -185,6 +185,17 @@ def test_a_mode_with_foreign_setpoints_is_refused(flight):
     with pytest.raises(NotFlyable, match="flew in Offboard then") as refused:
         AutopilotFlights(part, offboard, None, {}, (0.0, 0.0, 0.0), Change({}), AutopilotChange())
     assert refused.value.field == "flown_by"
+
+
+def test_return_climbs_above_the_logged_target(flight, monkeypatch):
+    """It began its Return with some speed, and climbs above the place where it stops."""
+    above_ned_m = (1.94, 40.14, -20.0)
+
+    def with_target(*arguments):
+        return replace(autopilot_at(*arguments), target_ned_m=above_ned_m)
+
+    monkeypatch.setattr("gcs_server.logbook.flown.autopilot_at", with_target)
+    assert rerun(flight, after_s=23.5, duration_s=20.0)["max_error_m"] < 1.0
 
 
 def test_hold_flies_to_the_logged_target_and_a_later_one_is_said(tmp_path):
