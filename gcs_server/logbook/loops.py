@@ -39,6 +39,8 @@ GROUND_S = 1.0
 """So long after take-off and before landing nothing is taken: the ground carries the vehicle."""
 MIN_WINDOWS = 4
 """Fewer windows say nothing: their coherence is high by chance."""
+SURE_WINDOWS = 8
+"""With fewer the values are uncertain."""
 MAX_WINDOWS = 800
 """Of more windows, these are taken evenly."""
 PARTS = 6
@@ -235,12 +237,11 @@ def _response(
     step_s, runs = _even_runs(pair, [air, [window]])
     flown_s = sum(len(x) for x, _ in runs) * step_s
     length = round(loop.window_s / step_s) if step_s > 0.0 else 0
-    found = _windows(runs, length, loop.moves[k]) if length >= 8 else np.empty((0, 2, 0))
+    count, windows = _windows(runs, length, loop.moves[k]) if length >= 8 else (0, np.empty((0, 2, 0)))
     notes: list[str] = []
     step = frequency = coherence = None
     try:
-        _require(found, loop, k, flown_s, step_s)
-        windows = _thinned(found)
+        _require(windows, loop, k, flown_s, step_s)
         spectra = _Spectra.of(windows)
         coherence = spectra.weighted_coherence()
         frequency = _frequency(spectra, step_s, length, notes)
@@ -252,14 +253,16 @@ def _response(
         step = _step(windows, spectra, step_s, loop, notes)
         if coherence < SURE:
             notes.append(f"These values are uncertain: the coherence is only {coherence:.2f}.")
+        elif count < SURE_WINDOWS:
+            notes.append(f"These values are uncertain: the setpoint moves enough in only {count} windows.")
     except _Silent as reason:
         notes.append(str(reason))
     return LoopResponse(
         loop.name, AXES[k], *pair.fields,
         rate_hz=None if step_s == 0.0 else round(1.0 / step_s, 2),
         flown_s=round(flown_s, 1),
-        excited_s=round(_covered_s(len(found), loop.window_s, flown_s), 1),
-        windows=len(found),
+        excited_s=round(_covered_s(count, loop.window_s, flown_s), 1),
+        windows=count,
         coherence=None if coherence is None else round(coherence, 3),
         step=step, frequency=frequency, notes=notes,
     )  # fmt: skip
@@ -298,15 +301,28 @@ def _even_runs(pair: _Pair, within: Iterable[Spans]) -> tuple[float, list[tuple[
     steps = [float(np.median(np.diff(t_s))) for t_s, _ in kept]
     spans: Spans = [(-np.inf, np.inf)]
     for other in (*within, *(_unbroken(t_s, step) for (t_s, _), step in zip(kept, steps, strict=True))):
-        spans = [
-            (max(a, c), min(b, d)) for a, b in spans for c, d in other if min(b, d) > max(a, c)
-        ]  # both are few: gaps of a log, and flights in it
+        spans = _common(spans, other)
     step_s = max(steps)
     runs: list[tuple[Values, Values]] = []
     for begin_s, end_s in spans:
         t_s = np.arange(begin_s, end_s, step_s)
         runs.append((np.interp(t_s, *kept[0]), np.interp(t_s, *kept[1])))
     return step_s, runs
+
+
+def _common(some: Spans, others: Spans) -> Spans:
+    """The times that are in both; each ascending."""
+    found: Spans = []
+    i = j = 0
+    while i < len(some) and j < len(others):
+        begin_s, end_s = max(some[i][0], others[j][0]), min(some[i][1], others[j][1])
+        if end_s > begin_s:
+            found.append((begin_s, end_s))
+        if some[i][1] < others[j][1]:
+            i += 1
+        else:
+            j += 1
+    return found
 
 
 def _ascending(times_s: Times, values: Values) -> tuple[Times, Values]:
@@ -322,21 +338,20 @@ def _unbroken(times_s: Times, step_s: float) -> Spans:
     return [(float(times_s[a]), float(times_s[b])) for a, b in zip(begins, ends, strict=True) if b > a]
 
 
-def _windows(runs: list[tuple[Values, Values]], length: int, least: float) -> Values:
-    """(n, 2, length): the windows, overlapping by half, in which the setpoint moves by `least`."""
-    found: list[Values] = []
-    for run in runs:
-        if len(run[0]) < length:
-            continue
-        parts = np.stack([sliding_window_view(each, length)[:: length // 2] for each in run], axis=1)
-        found.append(parts[np.ptp(parts[:, 0], axis=1) >= least])
-    return np.concatenate(found) if found else np.empty((0, 2, length))
-
-
-def _thinned(windows: Values) -> Values:
-    if len(windows) <= MAX_WINDOWS:
-        return windows
-    return windows[np.linspace(0, len(windows) - 1, MAX_WINDOWS).astype(np.int64)]
+def _windows(runs: list[tuple[Values, Values]], length: int, least: float) -> tuple[int, Values]:
+    """The windows, overlapping by half, in which the setpoint moves by `least`: their number, and at most
+    `MAX_WINDOWS` of them, (n, 2, length)."""
+    views = [
+        [sliding_window_view(each, length)[:: length // 2] for each in run]
+        for run in runs
+        if len(run[0]) >= length
+    ]
+    places = [(view, int(n)) for view in views for n in np.flatnonzero(np.ptp(view[0], axis=1) >= least)]
+    count = len(places)
+    if count > MAX_WINDOWS:
+        places = [places[n] for n in np.linspace(0, count - 1, MAX_WINDOWS).astype(np.int64)]
+    found = [np.stack([signal[n] for signal in view]) for view, n in places]
+    return count, np.stack(found) if found else np.empty((0, 2, length))
 
 
 @dataclass(frozen=True, slots=True)
@@ -394,7 +409,9 @@ def _frequency(spectra: _Spectra, step_s: float, length: int, notes: list[str]) 
     gain_db = 20.0 * np.log10(np.maximum(np.abs(found), 1e-6))
     phase_deg = np.degrees(np.unwrap(np.angle(found)))
     sure = np.flatnonzero(coherence >= SHOWN_COHERENCE)
-    under = np.flatnonzero(gain_db[sure] < BANDWIDTH_DB)
+    below = gain_db[sure] < BANDWIDTH_DB
+    # A single frequency below it, with others above after it, is an error of the estimate.
+    under = np.flatnonzero(below & np.append(below[1:], True))
     first = int(under[0]) if len(under) else len(sure)
     bandwidth_hz = phase = None
     if len(sure) == 0:

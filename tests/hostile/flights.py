@@ -78,6 +78,7 @@ def requests_for(flight: str) -> list[tuple[str, str, dict[str, object] | None]]
         ("GET", f"/flights/{flight}/series?points=10000&{plots}", None),
         ("GET", f"/flights/{flight}/series?points=10000&{costly}", None),
         ("GET", f"/flights/{flight}/spectrum?field=big:0/v3", None),
+        ("GET", f"/flights/{flight}/loops", None),
         ("GET", f"/flights/{flight}/findings", None),
         ("GET", f"/flights/{flight}/table?topic=big:0&at_s=700", None),
         ("GET", f"/flights/{flight}/export?format=csv&topic=big:0", None),

@@ -172,6 +172,7 @@ def test_only_the_time_in_the_air_in_the_window_counts_and_no_window_reaches_ove
     part = one(loops(log, 21.0, 31.0))
     assert part.flown_s == pytest.approx(10.0, abs=0.1)
     assert part.windows == 4
+    assert part.notes[-1] == "These values are uncertain: the setpoint moves enough in only 4 windows."
     assert one(loops(log, 1.0, 5.0)).notes == [
         "Less than 4 s of this part are flown in the air with this setpoint."
     ]

@@ -13,7 +13,7 @@ type Pair = Schemas['ProofPair'];
 type Failure = Schemas['ProofRun']['failures'][number];
 /** Runs that a proof has before its values may be written. */
 const RUNS = 100;
-const MAX_FAILED = 10;
+const MAX_FAILED = 5;
 
 export class GainProof {
   parameters = $state.raw<readonly ChangedParameter[]>([]);
@@ -95,7 +95,7 @@ export function failureText(failures: readonly Failure[]): string {
   return failures.map((each) => FAILURES[each]()).join(', ');
 }
 
-/** The runs that are not stable with the proposed values, at most ten. */
+/** The runs that are not stable with the proposed values, at most five. */
 export function failedPairs({ pairs }: Proof): readonly Pair[] {
   return pairs.filter(({ proposed }) => proposed.failures.length > 0).slice(0, MAX_FAILED);
 }
