@@ -41,9 +41,10 @@ def test_a_mission_is_paused_resumed_skipped_and_restarted_in_fly(browser: Brows
         drone.until(lambda v: v["status"]["mode"] == "mission", what="Mission")
 
         card.get_by_label("Item to skip to").select_option("4 · Waypoint")
-        card.get_by_role("button", name="Skip to…").click()
+        skip = card.get_by_role("button", name="Skip to…")
+        skip.click()
         expect(page.get_by_role("alertdialog")).to_contain_text("It leaves out items 2 to 3.")
-        confirm_by_slider(page)
+        confirm_by_slider(page, skip.click)
         wait_until(lambda: current_item(drone) == 3, "item 4", 20)
         expect(card).to_contain_text("Item 4 of 6 · Waypoint")
 

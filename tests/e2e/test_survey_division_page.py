@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import choose_menu_entry, confirm_by_space_bar, open_page, serious_violations
-from tests.e2e.fast_station import FAST_OPTIONS, Station
+from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import check_without_findings, open_plan_view, run_dry_run, window_position_on_map
 from tests.station import free_port, running_server, running_vehicles, wait_until
 
@@ -29,11 +29,12 @@ AREA = ((0.42, 0.2), (0.78, 0.2), (0.78, 0.6), (0.42, 0.6))
 
 @pytest.fixture
 def station() -> Iterator[Station]:
-    """A server and seven vehicles, three of which are ready to arm."""
+    """A server and seven vehicles, three of which are ready to arm; in real time: in a faster simulation
+    positions are older, and the guard keeps vehicles further apart than the plan does."""
     port = free_port()
     with (
         running_server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        running_vehicles(port, instances=7, arguments=FAST_OPTIONS),
+        running_vehicles(port, instances=7, arguments=["--no-log"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drones = [gcs.wait_for_vehicle(each, ready=True, timeout_s=120) for each in IDS]
