@@ -95,15 +95,6 @@ def values_of(
     return _values(columns, field, from_s, to_s)
 
 
-def values_in(
-    columns: Columns, field: str, from_s: float | None, to_s: float | None
-) -> tuple[Times, Values, str | None]:
-    """Times, values and unit of a field or expression in a window. Raises UnknownField."""
-    if is_expression(field):
-        return evaluate(field, lambda name: _values(columns, name, from_s, to_s))
-    return _values(columns, field, from_s, to_s)
-
-
 def _values(
     columns: Columns, field: str, from_s: float | None, to_s: float | None
 ) -> tuple[Times, Values, str | None]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gcs_server.logbook.columns import Columns, UnknownField
 from gcs_server.logbook.log import Times
-from gcs_server.logbook.series import Values, values_in
+from gcs_server.logbook.series import Values, values_of
 
 MIN_SEGMENT, MAX_SEGMENT = 32, 1024
 """Samples of a segment, a power of two."""
@@ -41,7 +41,7 @@ def spectrum(columns: Columns, field: str, from_s: float | None, to_s: float | N
     Raises:
         UnknownField: the log has no such field, or too few values of it here.
     """
-    times_s, values, unit = values_in(columns, field, from_s, to_s)
+    times_s, values, unit = values_of(columns, field, from_s, to_s)
     finite = np.isfinite(values)
     times_s, values = times_s[finite][:MAX_SAMPLES], values[finite][:MAX_SAMPLES]
     ascending = np.concatenate(([True], np.diff(times_s) > 0)) if len(times_s) else finite[:0]
