@@ -70,6 +70,11 @@ class Flights:
         query = _query({"from_s": from_s, "to_s": to_s})
         return (await self._gcs.request("GET", _path(flight, "loops", query)))["loops"]
 
+    async def autotuned(self, flight: str) -> dict[str, Any] | None:
+        """What PX4's autotune found in a flight: `axes` with their `parameters`, or a `note` that says why
+        there are none; None: it did not run."""
+        return (await self._gcs.request("GET", _path(flight, "loops")))["autotune"]
+
     async def prove(
         self, vehicle: str, parameters: Mapping[str, float], *, runs: int = 100, seed: int = 0
     ) -> dict[str, Any]:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from gcs_server.logbook.autotune import AXES, Autotune, Axis, autotune
 from gcs_server.logbook.expressions import FUNCTIONS
 from gcs_server.logbook.findings.model import Flight, NotJudged
 from gcs_server.logbook.log import Log, Times, VehicleStates
@@ -32,9 +33,6 @@ Values = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Spans = list[tuple[float, float]]
 LoopName = Literal["rate", "attitude"]
-Axis = Literal["roll", "pitch", "yaw"]
-
-AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
 GROUND_S = 1.0
 """So long after take-off and before landing nothing is taken: the ground carries the vehicle."""
 MIN_WINDOWS = 4
@@ -169,6 +167,8 @@ class Loops:
 
     loops: list[LoopResponse]
     """Rates of roll, pitch, yaw, then attitudes."""
+    autotune: Autotune | None
+    """What PX4's autotune found in the whole flight; null: it did not run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +194,8 @@ def loops(log: Log, from_s: float | None, to_s: float | None) -> Loops:
             _response(flight, loop, k, read, window)
             for loop, read in ((RATE, _rates), (ATTITUDE, _attitudes))
             for k in range(3)
-        ]
+        ],
+        autotune(flight),
     )
 
 

@@ -12,6 +12,7 @@ from gcs_server.logbook import uploads
 from missions.plan import write
 from tests.support.api_client import api_client
 from tests.support.flown_mission import flown_mission, square
+from tests.unit.gcs_server.logbook.autotuned_ulog import autotuned_ulog
 from tests.unit.gcs_server.logbook.generated_ulogs import UTC_US, ulog
 from tests.unit.gcs_server.replay.generated_logs import BEGIN_US, flight, log_bytes
 
@@ -167,8 +168,17 @@ def test_the_responses_of_the_loops_or_why_there_are_none(client):
     assert [(each["loop"], each["axis"]) for each in loops][::3] == [("rate", "roll"), ("attitude", "roll")]
     assert loops[0]["step"] is None
     assert loops[0]["notes"] == ["The topic vehicle_rates_setpoint is not logged."]
+    assert answer.json()["autotune"] is None
     assert client.get(f"{API}/flights/none/loops").status_code == 404
     assert client.get(url, params={"from_s": "x"}).status_code == 422
+    assert delete(client, flight_id).status_code == 204
+
+
+def test_the_gains_of_autotune_are_parameters_that_may_be_proved(client):
+    flight_id = add(client, "autotune.ulg", autotuned_ulog())
+    found = client.get(f"{API}/flights/{flight_id}/loops").json()["autotune"]
+    assert [each["axis"] for each in found["axes"]] == ["roll", "pitch", "yaw"]
+    assert found["axes"][0]["parameters"]["MC_ROLL_P"] == 5.5
     assert delete(client, flight_id).status_code == 204
 
 

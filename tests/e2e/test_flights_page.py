@@ -28,6 +28,7 @@ from tests.station import (
 )
 from tests.support.flown_log import flown_log
 from tests.support.flown_mission import flown_mission, square
+from tests.unit.gcs_server.logbook.autotuned_ulog import autotuned_ulog
 from tests.unit.gcs_server.logbook.generated_ulogs import ulog
 
 pytestmark = pytest.mark.browser
@@ -162,6 +163,31 @@ def test_tuning_says_how_the_loops_respond_and_shows_the_curves(
         assert panel.evaluate(width) == page.evaluate(f"({width})(document.documentElement)") == 0
         if PICTURES:
             page.screenshot(path=Path(PICTURES) / "tuning-phone.png")
+
+
+def test_the_gains_of_autotune_go_into_the_proof_with_one_press(
+    browser: Browser, server_url: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "autotune.ulg"
+    path.write_bytes(autotuned_ulog())
+    with open_page(browser, server_url, scene=False) as page:
+        page.keyboard.press("Shift+E")
+        page.get_by_label("Add a log").set_input_files(path)
+        page.get_by_role("radio", name="Tuning").click()
+        panel = page.get_by_role("group", name="Tuning")
+        expect(panel.get_by_role("row", name="MC_ROLLRATE_P")).to_contain_text(re.compile(r"0\.15\s*0\.12"))
+        expect(panel.get_by_role("row")).to_have_count(16)
+        panel.get_by_role("button", name="Take these gains into the proof").click()
+        expect(panel.get_by_role("button", name=re.compile("^Remove MC_"))).to_have_count(15)
+        assert serious_violations(page) == []
+        if PICTURES:
+            panel.get_by_text("Gains of autotune").scroll_into_view_if_needed()
+            page.screenshot(path=Path(PICTURES) / "autotune-gains.png")
+        page.set_viewport_size({"width": 390, "height": 844})
+        panel.get_by_role("table").scroll_into_view_if_needed()
+        assert panel.evaluate("(element) => element.scrollWidth - element.clientWidth") == 0
+        if PICTURES:
+            page.screenshot(path=Path(PICTURES) / "autotune-gains-phone.png")
 
 
 def test_the_simulated_px4_flies_on_with_a_changed_failsafe_and_plan_item(

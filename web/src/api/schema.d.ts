@@ -3604,7 +3604,8 @@ export interface paths {
          * Flight Loops
          * @description How the rate and attitude loops of a vehicle's own log follow their setpoints: step response (rise,
          *     overshoot, settling) and frequency response (gain, phase, coherence, bandwidth) of each axis; and where
-         *     the log does not say enough, why.
+         *     the log does not say enough, why. `autotune` has the gains that PX4's autotune found in the flight, as
+         *     parameters; they may be proved (`POST /proofs`).
          */
         readonly get: operations["flight_loops_api_v1_flights__f__loops_get"];
         readonly put?: never;
@@ -4249,6 +4250,32 @@ export interface components {
              * @description Duration [s].
              */
             readonly duration_s: number;
+        };
+        /**
+         * Autotune
+         * @description The last run of PX4's autotune in a flight.
+         */
+        readonly Autotune: {
+            /**
+             * Begin S
+             * @description Begin of the run [s since the log's start].
+             */
+            readonly begin_s: number;
+            /**
+             * Runs
+             * @description Number of runs in the flight.
+             */
+            readonly runs: number;
+            /**
+             * Axes
+             * @description Roll, pitch, yaw; empty: the run was not completed.
+             */
+            readonly axes: readonly components["schemas"]["TunedAxis"][];
+            /**
+             * Note
+             * @description Why there are no gains, as a sentence.
+             */
+            readonly note: string | null;
         };
         /**
          * Available
@@ -7100,6 +7127,8 @@ export interface components {
              * @description Rates of roll, pitch, yaw, then attitudes.
              */
             readonly loops: readonly components["schemas"]["LoopResponse"][];
+            /** @description What PX4's autotune found in the whole flight; null: it did not run. */
+            readonly autotune: components["schemas"]["Autotune"] | null;
         };
         /**
          * FlightName
@@ -18557,6 +18586,25 @@ export interface components {
              * @description Turn it also while the vehicle is armed, so that its motors may turn.
              */
             readonly while_armed?: boolean;
+        };
+        /**
+         * TunedAxis
+         * @description Gains of one axis.
+         */
+        readonly TunedAxis: {
+            /**
+             * Axis
+             * @description Axis.
+             * @enum {string}
+             */
+            readonly axis: "roll" | "pitch" | "yaw";
+            /**
+             * Parameters
+             * @description As PX4 would write them, by the parameter's name.
+             */
+            readonly parameters: {
+                readonly [key: string]: number;
+            };
         };
         /**
          * TwoFlights

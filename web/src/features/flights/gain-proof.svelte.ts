@@ -30,6 +30,11 @@ export class GainProof {
     this.parameters = [...this.parameters.filter((each) => each.name !== name), { name, value }];
   }
 
+  /** Proposes these values instead of all that were. */
+  setAll(values: readonly ChangedParameter[]): void {
+    this.parameters = values.map(({ name, value }) => ({ name, value }));
+  }
+
   remove(name: string): void {
     this.parameters = this.parameters.filter((each) => each.name !== name);
   }

@@ -9,11 +9,14 @@ import type { LogView } from './log-view.svelte';
 
 type Schemas = components['schemas'];
 export type LoopResponse = Schemas['LoopResponse'];
+export type Autotune = Schemas['Autotune'];
 /** Gain and phase of a frequency with less coherence mean nothing. */
 const LEAST_COHERENCE = 0.5;
 
 export class Tuning {
   loops = $state.raw<readonly LoopResponse[]>([]);
+  /** What PX4's autotune found in the flight; null: it did not run. */
+  autotune = $state.raw<Autotune | null>(null);
   isBusy = $state(false);
   problem = $state.raw<Pick<Problem, 'title' | 'detail'> | null>(null);
   private request = 0;
@@ -32,6 +35,7 @@ export class Tuning {
   reset(): void {
     this.request += 1;
     this.loops = [];
+    this.autotune = null;
     this.isBusy = false;
     this.problem = null;
   }
@@ -47,7 +51,7 @@ export class Tuning {
     if (request !== this.request) return; // another part or flight
     this.isBusy = false;
     this.problem = response.ok ? null : response.problem;
-    if (response.ok) this.loops = response.value.loops;
+    if (response.ok) ({ loops: this.loops, autotune: this.autotune } = response.value);
   }
 
   /** Shows setpoint and measurement of a loop in the plots. */
@@ -94,4 +98,13 @@ export function sentencesOf({ step, frequency }: LoopResponse): string[] {
 /** Values of the frequencies that mean something; null between them. */
 export function coherent(values: readonly number[], coherence: readonly number[]): (number | null)[] {
   return values.map((value, i) => ((coherence[i] ?? 0) >= LEAST_COHERENCE ? value : null));
+}
+
+/** The gains of autotune beside those of the log, in the order of roll, pitch, yaw. */
+export function autotuneRows(
+  { axes }: Autotune,
+  present: readonly { readonly name: string; readonly value: number }[],
+): { name: string; value: number; present: number | null }[] {
+  const known = new Map(present.map(({ name, value }) => [name, value]));
+  return axes.flatMap(({ parameters }) => Object.entries(parameters).map(([name, value]) => ({ name, value, present: known.get(name) ?? null })));
 }

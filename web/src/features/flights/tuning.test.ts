@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { LogView, type Overview } from './log-view.svelte';
-import { coherent, loopName, sentencesOf, Tuning, type LoopResponse } from './tuning.svelte';
+import { autotuneRows, coherent, loopName, sentencesOf, Tuning, type LoopResponse } from './tuning.svelte';
 
 const STEP = {
   t_s: [0, 0.02],
@@ -80,5 +80,13 @@ describe('tuning', () => {
     await late;
     expect(tuning.loops).toEqual([]);
     expect(tuning.isBusy).toBe(false);
+  });
+
+  it('lays the gains of autotune beside those of the log', () => {
+    const found = { begin_s: 5, runs: 1, note: null, axes: [{ axis: 'yaw' as const, parameters: { MC_YAWRATE_K: 1, MC_YAW_P: 2.8 } }] };
+    expect(autotuneRows(found, [{ name: 'MC_YAW_P', value: 2.5 }])).toEqual([
+      { name: 'MC_YAWRATE_K', value: 1, present: null },
+      { name: 'MC_YAW_P', value: 2.8, present: 2.5 },
+    ]);
   });
 });
