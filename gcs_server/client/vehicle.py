@@ -276,6 +276,20 @@ class Vehicle:
         body: Body = {"here": True} if lat_deg is None else {"lat_deg": lat_deg, "lon_deg": lon_deg}
         await self.request("POST", "/home", {**body, **options})
 
+    async def autotune(self, *, despite: Sequence[str] = ()) -> dict[str, Any]:
+        """Starts PX4's autotune: the vehicle moves about its axes by itself for about 40 s. Returns the
+        operation, whose `text` says the axis; `gcs.operations().wait` waits for its end, and
+        `gcs.flights().autotuned` has the gains of the flight's log.
+
+        Args:
+            despite: accepted codes: the vehicle writes the gains itself, or is low.
+        """
+        return await self.request("POST", "/autotune", {"despite": list(despite)})
+
+    async def end_autotune(self) -> None:
+        """Ends autotune by a change of the mode; the vehicle is then in Hold."""
+        await self.request("DELETE", "/autotune")
+
     async def kill(self) -> None:
         """Stops the motors, even in flight: the vehicle falls."""
         await self.request("POST", "/kill", {"confirm": f"motors stop, vehicle {self.id} falls"})

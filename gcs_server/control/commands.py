@@ -168,6 +168,7 @@ ALL: tuple[Command, ...] = (
     _flight("speed", "POST /vehicles/{v}/speed", confirmed=True),
     _flight("orbit", "POST /vehicles/{v}/orbit", confirmed=True),
     _flight("home", "POST /vehicles/{v}/home", confirmed=True, acts="no"),
+    _flight("autotune/start", "POST /vehicles/{v}/autotune", confirmed=True),
     _flight(
         "mission/upload",
         "POST /vehicles/{v}/mission/upload",
@@ -239,6 +240,7 @@ ALL: tuple[Command, ...] = (
     _flight("group/start", "POST /groups", vehicles="every member", confirmed=True),
     # allowed to all clients: anyone who sees a danger may stop a vehicle
     _stop("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
+    _stop("autotune/end", "End autotune", "DELETE /vehicles/{v}/autotune"),
     _stop("land_now", "Land now", "POST /vehicles/{v}/land_now", confirm_text="vehicle {vehicle} lands now"),
     _stop(
         "kill", "Stop motors", "POST /vehicles/{v}/kill", confirm_text="motors stop, vehicle {vehicle} falls"
@@ -424,6 +426,7 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/param_changes",
         "GET /vehicles/{v}/param_file",
         "GET /vehicles/{v}/gimbal/setup",
+        "GET /vehicles/{v}/autotune",
         "GET /groups",
         "GET /groups/{g}",
     ),

@@ -11,6 +11,7 @@ import pytest
 
 from gcs_server.api import (
     authorized,
+    autotune_routes,
     command_routes,
     control_models,
     control_routes,
@@ -36,6 +37,7 @@ from tests.protocol.api_calls import (
     InlinePlanWork,
     new_station,
 )
+from tests.protocol.autotune_vehicle import AUTOTUNE, Px4Autotune
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_CHANGE_SPEED,
@@ -157,6 +159,13 @@ COMMANDS = {
             ANNA,
         ),
     ),
+    "autotune/start": (
+        True,
+        None,
+        lambda rig: autotune_routes.start_autotune(
+            "1", rig.station, ANNA, autotune_routes.AutotuneRequest(despite=["autotune_low"])
+        ),
+    ),
     "mode": (
         True,
         in_interrupted_mission,
@@ -272,7 +281,7 @@ def is_moving(message):
         return message.param1 == 1.0
     if command == DO_SET_MODE:
         return (int(message.param2) << 16 | int(message.param3) << 24) not in STOPPING_MODES
-    return command in (TAKEOFF_COMMAND, DO_REPOSITION, DO_ORBIT, DO_CHANGE_SPEED)
+    return command in (TAKEOFF_COMMAND, DO_REPOSITION, DO_ORBIT, DO_CHANGE_SPEED, AUTOTUNE)
 
 
 def record_streams(streams, sent):
@@ -291,6 +300,7 @@ def add_autopilot(testbed, number, seed, sent):
     """Adds a vehicle, and records the frames that it receives and that move it."""
     link = testbed.link(f"link{number}")
     autopilot = Autopilot(link, peer=f"peer{number}", system=number, uid=number, seed=seed)
+    Px4Autotune(autopilot)
     link.autopilots[autopilot.peer] = autopilot
     receive, parser = autopilot.receive, sim.MAVLink(None)
 

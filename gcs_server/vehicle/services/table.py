@@ -3,6 +3,7 @@ and a row here; routes reach it by `vehicle.service(LogService)`."""
 
 from __future__ import annotations
 
+from gcs_server.vehicle.services.autotune import AutotuneService
 from gcs_server.vehicle.services.camera import CameraService
 from gcs_server.vehicle.services.files import VehicleFiles
 from gcs_server.vehicle.services.gimbal_setup import GimbalSetupService
@@ -16,6 +17,7 @@ from gcs_server.vehicle.services.restart import RestartService
 from gcs_server.vehicle.services.shell import ShellService
 
 SERVICES = (
+    AutotuneService,
     CameraService,
     GimbalSetupService,
     LogService,

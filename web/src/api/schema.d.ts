@@ -208,6 +208,44 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/autotune": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Autotune
+         * @description Asks the vehicle whether its autotune can start, and what becomes of the gains.
+         */
+        readonly get: operations["show_autotune_api_v1_vehicles__v__autotune_get"];
+        readonly put?: never;
+        /**
+         * Start Autotune
+         * @description Starts PX4's autotune: for about 40 s, at most 70, the vehicle moves about its roll, pitch and yaw axis
+         *     by itself. Answers once it has begun; from then on it is an operation, which says the axis and the
+         *     progress.
+         *
+         *     The vehicle goes on by itself when the operation, the browser or the server ends: `DELETE
+         *     …/autotune` ends it, another mode or a stick. The operation's result has the `outcome`: `complete`, or
+         *     `waits_for_disarming`: PX4 writes the gains then. The gains are in the log of the flight (`GET
+         *     /flights/{f}/loops`). Answers 409 `plan_findings` if the vehicle would write the gains itself, or is low,
+         *     unless `despite` names the codes.
+         */
+        readonly post: operations["start_autotune_api_v1_vehicles__v__autotune_post"];
+        /**
+         * End Autotune
+         * @description Ends autotune by a change of the mode, and leaves the vehicle in Hold; needs no control. A vehicle that
+         *     tunes itself in Hold is first in Land for about a second, because PX4 ends autotune only when the mode
+         *     changes.
+         */
+        readonly delete: operations["end_autotune_api_v1_vehicles__v__autotune_delete"];
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/flights/{f}/beside": {
         readonly parameters: {
             readonly query?: never;
@@ -4276,6 +4314,49 @@ export interface components {
              * @description Why there are no gains, as a sentence.
              */
             readonly note: string | null;
+        };
+        /**
+         * AutotuneRequest
+         * @description What the caller accepts when the vehicle tunes itself.
+         * @example {
+         *       "despite": [
+         *         "autotune_applies_after_disarming"
+         *       ]
+         *     }
+         */
+        readonly AutotuneRequest: {
+            /**
+             * Despite
+             * @description Codes that the caller accepts: `autotune_applies_after_disarming` and `autotune_applies_in_flight`,
+             *     the vehicle writes the gains itself; `autotune_low`, it is less than 4 m above home.
+             */
+            readonly despite?: readonly string[];
+        };
+        /**
+         * AutotuneState
+         * @description Whether autotune can start, and what becomes of its gains.
+         */
+        readonly AutotuneState: {
+            /**
+             * Enabled
+             * @description MC_AT_EN; null: the vehicle did not answer.
+             */
+            readonly enabled: boolean | null;
+            /**
+             * Apply
+             * @description MC_AT_APPLY. 0: gains are only in the log; 1: PX4 writes them once disarmed; 2: in flight.
+             */
+            readonly apply: number | null;
+            /**
+             * Running
+             * @description Whether it runs; null: the vehicle has no MC_AT_START (PX4 from v1.18 on), or did not answer.
+             */
+            readonly running: boolean | null;
+            /**
+             * Problem
+             * @description Why it cannot start now; null: it can.
+             */
+            readonly problem: string | null;
         };
         /**
          * Available
@@ -21192,6 +21273,187 @@ export interface operations {
                     readonly [name: string]: unknown;
                 };
                 content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_autotune_api_v1_vehicles__v__autotune_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["AutotuneState"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly start_autotune_api_v1_vehicles__v__autotune_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["AutotuneRequest"] | null;
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 202: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Operation"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly end_autotune_api_v1_vehicles__v__autotune_delete: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["CommandDone"];
+                };
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];
