@@ -29,6 +29,23 @@ class ChangedItem(StrictBody):
     """What follows it; null: the next item."""
 
 
+class ChangedStep(StrictBody):
+    """What is different at one step of the flown offboard mission."""
+
+    place: Annotated[str, Field(pattern=r"^step [1-9]", max_length=200)]
+    """The step, as in the mission's status and findings: `step 3`, `step 4.2`, `step 5 then 1`. It had not
+    ended; a repeated step changes in its next rounds too."""
+    point: Annotated[int, Field(ge=1, le=5000)] | None = None
+    """The point of a step that flies through points, from 1; null: all."""
+    moved_ned_m: Annotated[list[Metres], Field(min_length=3, max_length=3)] | None = None
+    """What is added to its position [m]; null: it is where it was."""
+    speed_m_s: Annotated[float, Field(gt=0, le=100)] | None = None
+    """Its speed; null: as planned."""
+    duration_s: Annotated[float, Field(ge=0, le=3600)] | None = None
+    """How long it holds, waits, or flies a velocity or an attitude; at a point, how long it stops there;
+    null: as planned."""
+
+
 class RerunRequest(StrictBody):
     """A part of a flight, and what is different when it is flown again."""
 
@@ -47,9 +64,11 @@ class RerunRequest(StrictBody):
     (RTL_*), missions (MIS_*)."""
     flown_by: Literal["setpoints", "autopilot"] = "setpoints"
     """`setpoints`: the logged setpoints are followed; `autopilot`: the simulated PX4 flies on in the logged
-    mode (Mission, Hold, Return or Land), with its plan, and makes the setpoints."""
+    mode (Mission, Hold, Return or Land), with its plan, and makes the setpoints; in Offboard the offboard
+    mission goes on."""
     plan: Annotated[str, Field(pattern=r"^[0-9a-f]{1,40}$")] | None = None
-    """Id of the waypoint plan that was flown; null: the one that this server noted of the flight."""
+    """Id of the waypoint plan or offboard mission that was flown; null: the one that this server noted of the
+    flight."""
     battery_percent: Annotated[float, Field(ge=0, le=100)] | None = None
     """Other charge at the begin, with `autopilot`; null: as logged."""
     lost: Annotated[list[Literal["data_link", "manual_control", "gps"]], Field(max_length=3)] = Field(
@@ -59,6 +78,8 @@ class RerunRequest(StrictBody):
     then), `gps`."""
     item: ChangedItem | None = None
     """A changed item of the plan, with `autopilot` in Mission; null: none."""
+    step: ChangedStep | None = None
+    """A changed step of the offboard mission, with `autopilot` in Offboard; null: none."""
     wind_ned_m_s: Annotated[list[Component], Field(min_length=3, max_length=3)] | None = None
     """Other steady wind [m/s], the direction it blows to; null: the one found in the log."""
     motor_health: Annotated[list[Health], Field(min_length=4, max_length=4)] | None = None
@@ -73,19 +94,19 @@ class RerunRequest(StrictBody):
             return self
         if self.duration_s > MAX_DURATION_S:
             raise ValueError(f"duration_s is at most {MAX_DURATION_S:.0f} with the logged setpoints")
-        for name in ("plan", "battery_percent", "lost", "item"):
+        for name in ("plan", "battery_percent", "lost", "item", "step"):
             if getattr(self, name) not in (None, []):
                 raise ValueError(f"{name} changes nothing with the logged setpoints; use flown_by autopilot")
         return self
 
 
 class RerunEvent(ResponseBody):
-    """A mode or a warning of a vehicle that PX4 flies."""
+    """A mode, a warning or a mission step of a vehicle that PX4 flies."""
 
     t_s: float
     """Time [s since the log's start]."""
     text: str
-    """The mode that became active, or the warning."""
+    """The mode that became active, the warning, or the step that began."""
 
 
 class RerunTrack(ResponseBody):
@@ -100,7 +121,9 @@ class RerunTrack(ResponseBody):
     modes: list[RerunEvent] = Field(default_factory=list["RerunEvent"])
     """Modes, the first at the begin; empty with the logged setpoints."""
     warnings: list[RerunEvent] = Field(default_factory=list["RerunEvent"])
-    """Warnings of the vehicle; empty with the logged setpoints."""
+    """Warnings of the vehicle or its offboard mission; empty with the logged setpoints."""
+    steps: list[RerunEvent] = Field(default_factory=list["RerunEvent"])
+    """Steps of the offboard mission, the first at the begin; empty without one."""
 
 
 class IdentifiedValue(ResponseBody):

@@ -75,6 +75,26 @@ class Flights:
         there are none; None: it did not run."""
         return (await self._gcs.request("GET", _path(flight, "loops")))["autotune"]
 
+    async def what_if(
+        self, log: str, *, from_s: float, duration_s: float = 20.0, **change: Any
+    ) -> dict[str, Any]:
+        """Flies a part of a vehicle's own log again in simulation, `unchanged` and `changed`; their distance
+        from `logged` (`max_error_m`) says how far to trust it. No vehicle is commanded.
+
+        Args:
+            log: id of the file of the log.
+            from_s: begin of the part [s since the log's start]; the vehicle is in the air then.
+            duration_s: its duration.
+            change: what is different, such as `parameters={"MPC_XY_P": 0.7}`, `wind_ned_m_s`; with
+                `flown_by="autopilot"` also `lost`, `battery_percent`, `item` of a plan, or a `step` of an
+                offboard mission: `{"place": "step 3", "moved_ned_m": [5, 0, 0]}`.
+
+        Raises:
+            Invalid: this part cannot be flown, or the change has no effect on it.
+        """
+        body: Body = {"from_s": from_s, "duration_s": duration_s, **change}
+        return await self._gcs.request("POST", _path(log, "rerun"), body)
+
     async def prove(
         self, vehicle: str, parameters: Mapping[str, float], *, runs: int = 100, seed: int = 0
     ) -> dict[str, Any]:

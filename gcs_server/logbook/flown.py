@@ -14,8 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs_server.logbook.columns import Columns, UnknownField
+from missions.frames import yaw_from_q
 from missions.geodesy import LocalOrigin
-from missions.what_if.flight import LEAD_S, Battery, LoggedAutopilot, LoggedFlight, NotFlyable
+from missions.what_if.flight import (
+    LEAD_S,
+    STREAM_STEP_S,
+    Battery,
+    LoggedAutopilot,
+    LoggedFlight,
+    LoggedStream,
+    MissionBegin,
+    NotFlyable,
+)
 
 Values = NDArray[np.float64]
 
@@ -25,8 +35,10 @@ _DISARMED, _MOTORS, _RATES, _ATTITUDE, _TRAJECTORY = 0, 1, 3, 4, 5
 """`vehicle_sim.control.setpoints.ControlLevel`."""
 _TRAJECTORY_FLAGS = ("position", "velocity", "altitude", "climb_rate", "acceleration")
 MOTOR_COUNT = 4
-_MISSION = 3
+_MISSION, OFFBOARD = 3, 14
 """`vehicle_sim.autopilot.modes.NavState`."""
+MAX_BEGINS = 4
+"""So many of the last changes to Offboard may have been the begin of a mission."""
 _ARMED = 2
 """`vehicle_status.arming_state`."""
 MIN_DISCHARGE = 0.01
@@ -82,6 +94,58 @@ def autopilot_at(columns: Columns, firmware: str | None, from_s: float, to_s: fl
         )
     except UnknownField as error:
         raise NotFlyable(f"{error.args[0][:1].upper()}{error.args[0][1:]}; a rerun needs it.") from error
+
+
+def stream_at(columns: Columns, from_s: float) -> LoggedStream:
+    """The setpoints that the vehicle followed in Offboard until `from_s`.
+
+    Raises:
+        NotFlyable: the log lacks what is needed.
+    """
+    try:
+        status_s = columns.times("vehicle_status:0")
+        modes = np.asarray(columns.column("vehicle_status:0", "nav_state")[0])
+        entries_s = status_s[1:][(modes[1:] == OFFBOARD) & (modes[:-1] != OFFBOARD)].tolist()
+        if len(modes) and modes[0] == OFFBOARD:
+            entries_s.insert(0, float(status_s[0]))
+        entries_s = [each for each in entries_s if each <= from_s]
+        if not entries_s:
+            raise NotFlyable("The log has no Offboard before.")
+        count = int((from_s - entries_s[0]) / STREAM_STEP_S)
+        part = _Part(columns, from_s - STREAM_STEP_S * np.arange(count, -1, -1.0))
+        followed = part.held("vehicle_status", "nav_state") == OFFBOARD
+        target = part.smooth("trajectory_setpoint", [*_three("position"), *_three("velocity")])
+        target[_levels(part) != _TRAJECTORY] = math.nan
+        frame = _At(columns, "vehicle_local_position", from_s)
+        north, east, down = target[-1, 3:].tolist()
+        return LoggedStream(
+            t_s=part.t_s[followed],
+            setpoint_ned_m=target[followed, :3],
+            velocity_ned_m_s=(north, east, down),
+            begins=tuple(each for t_s in entries_s[-MAX_BEGINS:] for each in _begins(columns, t_s)),
+            origin=LocalOrigin(frame.value("ref_lat"), frame.value("ref_lon"), frame.value("ref_alt")),
+        )
+    except UnknownField as error:
+        raise NotFlyable(f"{error.args[0][:1].upper()}{error.args[0][1:]}; a rerun needs it.") from error
+
+
+def _begins(columns: Columns, entry_s: float) -> list[MissionBegin]:
+    """Where a mission may have begun whose Offboard began then: there, or where it stood before."""
+    landed_s = columns.times("vehicle_land_detected:0")
+    landed = np.asarray(columns.column("vehicle_land_detected:0", "landed")[0]).astype(np.bool_)
+    left = np.flatnonzero(landed[:-1] & ~landed[1:] & (landed_s[1:] <= entry_s))
+    places = [(entry_s, True)]
+    if len(left):
+        places.append((float(landed_s[left[-1]]), False))
+    return [_begin(columns, entry_s, *each) for each in places]
+
+
+def _begin(columns: Columns, entry_s: float, t_s: float, in_air: bool) -> MissionBegin:
+    local, attitude = _At(columns, "vehicle_local_position", t_s), _At(columns, "vehicle_attitude", t_s)
+    w, x, y, z = (attitude.value(f"q[{k}]") for k in range(4))
+    yaw_ned_rad = yaw_from_q((w, x, y, z))
+    position_ned_m = local.value("x"), local.value("y"), local.value("z")
+    return MissionBegin(entry_s, position_ned_m, yaw_ned_rad, in_air)
 
 
 class _At:

@@ -211,7 +211,12 @@ class Logbook:
         return self._work.export(folder, (await self.get(file_id)).path.name, request)
 
     async def rerun(
-        self, file_id: str, from_s: float, to_s: float, change: Mapping[str, Any], plan: str | None = None
+        self,
+        file_id: str,
+        from_s: float,
+        to_s: float,
+        change: Mapping[str, Any],
+        plan: Mapping[str, str] | None = None,
     ) -> bytes:
         """A part of a flight flown again in simulation, as it was and with a change (`tasks.rerun`), as JSON.
 

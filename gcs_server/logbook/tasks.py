@@ -55,19 +55,21 @@ def loops(folder: str, from_s: float | None, to_s: float | None) -> bytes:
     return msgspec.json.encode(responses.loops(columns.load(Path(folder)), from_s, to_s))
 
 
-def rerun(folder: str, from_s: float, to_s: float, change: dict[str, Any], plan: str | None = None) -> bytes:
+def rerun(
+    folder: str, from_s: float, to_s: float, change: dict[str, Any], plan: dict[str, str] | None = None
+) -> bytes:
     """Flies a part of a log again, as it was and with a change; the result as JSON.
 
     Args:
         folder: the folder of its columns.
         from_s, to_s: the part [s since the log's start].
         change: what is different, and `flown_by`: `setpoints` (the default) or `autopilot`.
-        plan: the flown waypoint plan as JSON, for `autopilot`; None: not known.
+        plan: `kind` and `text` (JSON) of the flown plan, for `autopilot`; None: not known.
 
     Raises `missions.what_if.flight.NotFlyable`, OSError.
     """
     from gcs_server.logbook import columns
-    from gcs_server.logbook.flown import autopilot_at, flown
+    from gcs_server.logbook.flown import OFFBOARD, autopilot_at, flown, stream_at
     from missions.what_if import task
 
     overview = msgspec.json.decode((Path(folder) / columns.OVERVIEW).read_bytes())
@@ -80,8 +82,10 @@ def rerun(folder: str, from_s: float, to_s: float, change: dict[str, Any], plan:
         flight = flown(log, parameters, from_s, to_s)
         return msgspec.json.encode(task.run(flight, from_s, task.change_from(change)))
     logged = autopilot_at(log, overview["firmware"], from_s, to_s)
+    stream = stream_at(log, from_s) if logged.nav_state == OFFBOARD else None
     flight = flown(log, parameters, from_s, to_s)
-    return msgspec.json.encode(task.run_autopilot(flight, logged, plan, from_s, to_s - from_s, change))
+    result = task.run_autopilot(flight, logged, plan, from_s, to_s - from_s, change, stream)
+    return msgspec.json.encode(result)
 
 
 def findings(folder: str) -> bytes:

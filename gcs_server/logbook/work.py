@@ -39,6 +39,7 @@ REMEDIES = {
     "flown_by": "Take a moment in one of these modes, or fly on with the logged setpoints.",
     "plan": "Name the plan that was flown, or fly on with the logged setpoints.",
     "item": "Change an item that the vehicle had still before it.",
+    "step": "Change another value or step, which the vehicle had still before it.",
 }
 """What to do, by the field of the request that was wrong."""
 
@@ -104,7 +105,12 @@ class LogWork:
             return await self._run("loops", {"folder": str(folder), "from_s": from_s, "to_s": to_s})
 
     async def rerun(
-        self, folder: Path, from_s: float, to_s: float, change: Mapping[str, Any], plan: str | None
+        self,
+        folder: Path,
+        from_s: float,
+        to_s: float,
+        change: Mapping[str, Any],
+        plan: Mapping[str, str] | None,
     ) -> bytes:
         """Flies a part of a log again in simulation (`tasks.rerun`); the result as JSON.
 
@@ -118,7 +124,7 @@ class LogWork:
             "from_s": from_s,
             "to_s": to_s,
             "change": dict(change),
-            "plan": plan,
+            "plan": None if plan is None else dict(plan),
         }
         async with self._reruns.turn():
             return await self._run("rerun", arguments)

@@ -137,7 +137,7 @@ class OffboardPilot:
         runner = self.runner
         self.execute(now_s, runner.tick(now_s, self.reading()))
         state, segment = runner.state, runner.segment
-        if runner.question is not None:
+        if runner.question is not None and self._answers(now_s):
             self.execute(now_s, runner.continue_after_question(CONTROL_HOLDER))
         if segment is not None and segment is not self._segment:
             self._segment, self.step = segment, Step(segment.place, segment.title, None)
@@ -162,6 +162,10 @@ class OffboardPilot:
             message = f"The flight ends in the air after {self.step.place if self.step else 'the start'}."
             self.findings.append(finding_now("ends_in_air", message, self.step, t_s, self._vehicle))
             self._end(t_s)
+
+    def _answers(self, now_s: float) -> bool:
+        """Whether the pilot continues at a question of the mission now."""
+        return True
 
     def _end(self, t_s: float) -> None:
         self.ended = True

@@ -54,6 +54,9 @@ class Flight:
         """Index of the current segment in `course.segments`."""
         self.t_s = 0.0
         """Mission time since the start of the segment."""
+        self.begin_rate: float | None = None
+        """Rate of mission time at which the vehicle already flies along the path when its next script begins;
+        None: the script begins with an approach from its position."""
         self.paused = False
         self.started_by_pilot = True
         """Whether a pilot or another station started the mission by selecting its flight mode; valid after
@@ -113,11 +116,16 @@ class Flight:
             return script, self.index - 1, self.index
         end = self.chunk_end(self.index, end_index)
         segments = tuple(self.course.segments[self.index : end])
-        begin_s = self.t_s if isinstance(segments[0], CurveSegment | TableSegment | HoldSegment) else 0.0
-        approach = self._approach(reading, segments[0], begin_s)
+        begin_rate, self.begin_rate = self.begin_rate, None
+        if begin_rate is None:
+            begin_s = self.t_s if isinstance(segments[0], CurveSegment | TableSegment | HoldSegment) else 0.0
+            approach = self._approach(reading, segments[0], begin_s)
+        else:
+            begin_s, approach = self.t_s, None
         script = Script(
-            self.name, segments, begin_s, approach, self.time_scale_limits, self._script_count, self.fence
-        )
+            self.name, segments, begin_s, approach, self.time_scale_limits, self._script_count, begin_rate,
+            self.fence,
+        )  # fmt: skip
         return script, self.index, end
 
     def _approach(self, reading: Reading, segment: Segment, begin_s: float) -> CurveSegment | None:

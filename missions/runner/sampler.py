@@ -66,7 +66,9 @@ class ScriptSampler:
         self._index = 0
         self._t_s = script.begin_s if script.approach is None else 0.0
         self._begin_s = script.begin_s
-        self._scale = TimeScale(script.time_scale_limits, 0.0 if self._t_s > 0.0 else 1.0)
+        resting_rate = 0.0 if self._t_s > 0.0 else 1.0
+        begin_rate = resting_rate if script.begin_rate is None else script.begin_rate
+        self._scale = TimeScale(script.time_scale_limits, begin_rate)
         self._last_s = now_s
         self._returning_s: float | None = None
         """Time for which the vehicle has been returning to the path; None: it is not returning."""

@@ -41,6 +41,9 @@ class Script:
     time_scale_limits: TimeScaleLimits = TimeScaleLimits()
     number: int = 0
     """Number of the script among all scripts of the mission."""
+    begin_rate: float | None = None
+    """Rate of mission time at the start, for a vehicle that already flies along the path; None: 1, or 0 if
+    `begin_s` is not 0."""
     fence: FenceArea | None = None
     """The mission's own geofence, which also limits detours around obstacles."""
 

@@ -19,12 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.dry_run.fleet import SEVERITY_WARNING, TICK_S, Vehicle
+from missions.dry_run.pilot import Step
 from missions.dry_run.setup import USED_PARAMETERS_OF_SIMULATED, release_name, simulated_release
 from missions.dry_run.waypoints import StoredPlan
 from missions.errors import PlanError
 from missions.plan import Plan
+from missions.runner.runner import CannotDo
 from missions.what_if.changed_plan import ItemChange, changed_plan
+from missions.what_if.changed_step import StepChange, number_of
 from missions.what_if.flight import LoggedAutopilot, LoggedFlight, NotFlyable
+from missions.what_if.mission_moment import FlownMission
+from missions.what_if.mission_pilot import Answers, MissionPilot
 from missions.what_if.rerun import CHANGED, Change, RecordedParameters, Rerun, Track
 from vehicle_sim.autopilot.announcer import Event, StatusText
 from vehicle_sim.autopilot.autopilot import Autopilot
@@ -45,6 +50,8 @@ NOT_OF_REAL = ("EKF2_*", "IMU_*", "SIM_*")
 FROM_BOOT = ("CA_ROTOR*", "MC_*", "MPC_THR_*", "SIH_*")
 """Parameters with which the vehicles already take off."""
 TAKEOFF_WITHIN_S, HOVER_S = 90.0, 4.0
+STREAMED_BEFORE_S = 1.0
+"""Setpoints are streamed for this long before PX4 switches to Offboard."""
 MIN_HEIGHT_M = 0.2
 """Above home."""
 EVERY_TICKS = 5
@@ -61,6 +68,7 @@ class AutopilotChange:
     """Charge at the moment, 0 to 1; None: as logged."""
     lost: frozenset[Losable] = frozenset()
     item: ItemChange | None = None
+    step: StepChange | None = None
 
 
 @dataclass(slots=True)
@@ -73,13 +81,22 @@ class Flown:
     modes: list[tuple[float, str]] = field(default_factory=list[tuple[float, str]])
     """Times since the moment [s], and modes that became active."""
     warnings: list[tuple[float, str]] = field(default_factory=list[tuple[float, str]])
-    """Times since the moment [s], and warnings of the vehicle."""
+    """Times since the moment [s], and warnings of the vehicle or of its offboard mission."""
+    steps: list[tuple[float, str]] = field(default_factory=list[tuple[float, str]])
+    """Times since the moment [s], and steps of the offboard mission that began."""
 
     def note_mode(self, autopilot: Autopilot, t_s: float) -> None:
         """Notes the mode of an armed vehicle, if it has changed."""
         mode = MODES[autopilot.commander.active].name
         if autopilot.commander.armed and (not self.modes or self.modes[-1][1] != mode):
             self.modes.append((round(t_s, 2), mode))
+
+    def note_step(self, step: Step | None, t_s: float) -> None:
+        """Notes the step of an offboard mission, if another one has begun."""
+        if step is not None:
+            text = f"Step {number_of(step.place)}: {step.title}"
+            if not self.steps or self.steps[-1][1] != text:
+                self.steps.append((round(t_s, 2), text))
 
     def sample(self, truth: TruthState, row: int, home_ned_m: Values) -> None:
         """Adds a sample."""
@@ -103,6 +120,7 @@ class AutopilotFlights:
         parameters: of the aircraft, including the model of its body (SIH_*).
         wind_ned_m_s: steady wind of the logged flight.
         change, more: what is different in row 1.
+        mission: the flown offboard mission at the moment; None: it flew none, or not in Offboard.
 
     Raises:
         NotFlyable: the vehicle is not in a mode that can be flown on, its plan is not known, or the change
@@ -118,14 +136,19 @@ class AutopilotFlights:
         wind_ned_m_s: tuple[float, float, float],
         change: Change,
         more: AutopilotChange,
+        mission: FlownMission | None = None,
     ) -> None:
         self._flight, self._logged, self._plan = flight, logged, plan
         self._parameters, self._wind = parameters, wind_ned_m_s
         self._change, self._more = change, more
-        self.mode = _mode(logged.nav_state)
+        self._mission = mission
+        self.mode = _mode(logged.nav_state, mission is not None)
         self.notes: list[str] = []
         self._stores: list[RecordedParameters] = []
         self._plans = (self._stored(None), self._stored(more.item))
+        if more.step is not None and mission is None:
+            text = f"The vehicle flew in {MODES[self.mode].name} then, in which no mission step is flown."
+            raise NotFlyable(text, "step")
         self._px4 = VERSIONS[release_name(simulated_release(logged.release))]
         self._check_change()
 
@@ -136,7 +159,7 @@ class AutopilotFlights:
             text = f"{unknown[0]} is not a parameter of the simulated PX4 v{self._px4.name}."
             raise NotFlyable(text, "parameters")
         if any(self._change.moved_ned_m):
-            text = "The simulated PX4 makes its own setpoints; move a plan item instead."
+            text = "The simulated PX4 makes its own setpoints; move a plan item or a mission step instead."
             raise NotFlyable(text, "moved_ned_m")
 
     def _stored(self, item: ItemChange | None) -> tuple[StoredPlan, int] | None:
@@ -179,6 +202,8 @@ class AutopilotFlights:
         links = _Links(sim, self._more.lost)
         _take_off(sim, links)
         vehicles = [Vehicle(*each) for each in zip(sim.autopilots, sim.nodes, strict=True)]
+        flown = Flown(), Flown()
+        pilots = self._pilots(sim, links, vehicles, flown, from_s)
         for row, vehicle in enumerate(vehicles):
             self._begin(sim, row, moment)
             if not vehicle.autopilot.fly_on(self.mode, trajectory):
@@ -186,11 +211,47 @@ class AutopilotFlights:
                 text = f"The simulated PX4 does not fly on in {name}: {vehicle.last_warning}."
                 raise NotFlyable(text, "item" if row == CHANGED and self._more.item else "plan")
             self._set_target(vehicle.autopilot)
+        for pilot in pilots:
+            try:
+                pilot.fly_on(sim.time_s)
+            except CannotDo as error:
+                raise NotFlyable(f"The mission cannot fly on: {error}.") from error
         self._cause(sim, links)
-        flown = self._run(sim, links, duration_s)
+        self._run(sim, links, pilots, flown, duration_s)
         for name in sorted(set(self._change.parameters) - self._stores[CHANGED].used):
             self.notes.append(f"The simulated PX4 did not use {name} in this part: it changes nothing.")
         return flown
+
+    def _pilots(
+        self,
+        sim: SimulatedFleet,
+        links: _Links,
+        vehicles: Sequence[Vehicle],
+        flown: Sequence[Flown],
+        from_s: float,
+    ) -> list[MissionPilot]:
+        """Those of an offboard mission, whose setpoints the vehicles already get."""
+        mission, step = self._mission, self._more.step
+        if mission is None:
+            return []
+        moments = mission.moment, mission.moment if step is None else mission.changed(step)
+        self.notes += mission.notes
+        changes: tuple[Mapping[str, float], ...] = {}, self._change.parameters
+        north, east, down = self._logged.home_ned_m.tolist()
+        begin_s = sim.time_s + STREAMED_BEFORE_S
+        pilots = [
+            MissionPilot(
+                vehicle, mission.runner(moment, {**self._flight.parameters, **changed}), (north, east, down),
+                Answers(self._flight, from_s), _noted(each.warnings, begin_s),
+            )
+            for vehicle, moment, changed, each in zip(vehicles, moments, changes, flown, strict=True)
+        ]  # fmt: skip
+        while sim.time_s < begin_s:
+            for pilot in pilots:
+                pilot.stream_hover()
+            links.keep()
+            sim.step(TICK_S)
+        return pilots
 
     def _moment(self, from_s: float) -> tuple[FlightMoment, tuple[Vector, Vector, Vector]]:
         """The logged moment and the trajectory's setpoint, from home."""
@@ -260,23 +321,33 @@ class AutopilotFlights:
             simulation.set_gps_enabled(CHANGED, False)
         links.up[CHANGED] = False
 
-    def _run(self, sim: SimulatedFleet, links: _Links, duration_s: float) -> tuple[Flown, Flown]:
+    def _run(
+        self,
+        sim: SimulatedFleet,
+        links: _Links,
+        pilots: Sequence[MissionPilot],
+        flown: Sequence[Flown],
+        duration_s: float,
+    ) -> None:
         begin_s = sim.time_s
-        flown = Flown(), Flown()
         for each, autopilot in zip(flown, sim.autopilots, strict=True):
             autopilot.announcer.add_listener(_warnings_of(each, sim, begin_s))
         running = {row: sim.autopilots[row] for row in range(2)}
         for tick in range(round(duration_s / TICK_S) + 1):
             for row, autopilot in running.items():
                 flown[row].note_mode(autopilot, sim.time_s - begin_s)
+                if pilots:
+                    flown[row].note_step(pilots[row].step, sim.time_s - begin_s)
                 if tick % EVERY_TICKS == 0:
                     flown[row].sample(sim.simulation.truth, row, self._logged.home_ned_m)
             running = {row: autopilot for row, autopilot in running.items() if autopilot.commander.armed}
             if not running:
                 break
             links.keep()
+            for row in running:
+                if pilots and links.has_data_link(row):
+                    pilots[row].tick(sim.time_s)
             sim.step(TICK_S)
-        return flown
 
 
 class _Links:
@@ -286,13 +357,17 @@ class _Links:
         self._sim, self._lost = sim, lost
         self.up = [True, True]
 
+    def has_data_link(self, row: int) -> bool:
+        """Whether what the ground station sends reaches a vehicle."""
+        return self.up[row] or "data_link" not in self._lost
+
     def keep(self) -> None:
         """Keeps the links that are there; called at each tick."""
-        for up, autopilot in zip(self.up, self._sim.autopilots, strict=True):
+        for row, autopilot in enumerate(self._sim.autopilots):
             checks, now_s = autopilot.commander.checks, self._sim.time_s
-            if up or "data_link" not in self._lost:
+            if self.has_data_link(row):
                 checks.gcs_heartbeat_at_s = now_s
-            if up and "manual_control" in self._lost:
+            if self.up[row] and "manual_control" in self._lost:
                 checks.manual_control_at_s = now_s
 
 
@@ -317,11 +392,17 @@ def _take_off(sim: SimulatedFleet, links: _Links) -> None:
 
 
 def _warnings_of(flown: Flown, sim: SimulatedFleet, begin_s: float) -> Callable[[StatusText | Event], None]:
+    note = _noted(flown.warnings, begin_s)
+
     def listen(message: StatusText | Event) -> None:
         if isinstance(message, StatusText) and message.severity <= SEVERITY_WARNING:
-            flown.warnings.append((round(sim.time_s - begin_s, 2), message.text.strip()))
+            note(sim.time_s, message.text.strip())
 
     return listen
+
+
+def _noted(to: list[tuple[float, str]], begin_s: float) -> Callable[[float, str], None]:
+    return lambda now_s, text: to.append((round(now_s - begin_s, 2), text))
 
 
 def mode_name(nav_state: int) -> str:
@@ -329,10 +410,13 @@ def mode_name(nav_state: int) -> str:
     return MODES[NavState(nav_state)].name if nav_state in MODES else f"mode {nav_state}"
 
 
-def _mode(nav_state: int) -> NavState:
+def _mode(nav_state: int, has_mission: bool) -> NavState:
     """Raises NotFlyable: the mode cannot be begun at any moment of it, or flies by foreign setpoints."""
-    if nav_state in MODES_FLOWN:
+    if nav_state in MODES_FLOWN or (nav_state == NavState.OFFBOARD and has_mission):
         return NavState(nav_state)
+    if nav_state == NavState.OFFBOARD:
+        text = "The vehicle flew in Offboard then, and this server does not know its offboard mission."
+        raise NotFlyable(text, "plan")
     raise NotFlyable(
         f"The vehicle flew in {mode_name(nav_state)} then. The simulated PX4 flies on in Mission, Hold, "
         "Return and Land; in other modes the logged setpoints are flown again.",

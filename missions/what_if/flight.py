@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from missions.frames import Vector3
+from missions.geodesy import LocalOrigin
+
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
@@ -123,3 +126,33 @@ class LoggedAutopilot:
     """Where it holds, or flies to in Hold, in the local frame of the log; None: not logged."""
     next_target_s: float | None = None
     """When it got another one in Hold [s since the log's start]; None: it did not."""
+
+
+STREAM_STEP_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class MissionBegin:
+    """Where a mission of a logged flight may have begun, in the local frame of the log."""
+
+    t_s: float
+    """Time since the log's start at which its Offboard began."""
+    position_ned_m: Vector3
+    yaw_ned_rad: float
+    in_air: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedStream:
+    """The setpoints that a logged vehicle followed in Offboard until a moment, each `STREAM_STEP_S`."""
+
+    t_s: Values
+    """(N,) times since the log's start; the last one is the moment. Times in other modes are left out."""
+    setpoint_ned_m: Values
+    """(N, 3) NaN: it followed no position."""
+    velocity_ned_m_s: Vector3
+    """Velocity setpoint at the moment; NaN: none."""
+    begins: tuple[MissionBegin, ...]
+    """Oldest first."""
+    origin: LocalOrigin
+    """Of the local frame."""

@@ -11,11 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from missions.errors import PlanError
+from missions.offboard import reader as mission_reader
 from missions.plan import read
 from missions.what_if.autopilot import AutopilotChange, AutopilotFlights, Flown, mode_name
 from missions.what_if.changed_plan import ItemChange
-from missions.what_if.flight import LoggedAutopilot, LoggedFlight, NotFlyable
+from missions.what_if.changed_step import StepChange
+from missions.what_if.flight import LoggedAutopilot, LoggedFlight, LoggedStream, NotFlyable
 from missions.what_if.identified import Identified
+from missions.what_if.mission_moment import FlownMission
 from missions.what_if.model import BODY, Model, body_parameters, identify
 from missions.what_if.rerun import ALL_WORK, NOT_MOVED, Change, Rerun, Track
 from vehicle_sim.autopilot.modes import NavState
@@ -65,42 +68,52 @@ def run(flight: LoggedFlight, from_s: float, change: Change) -> dict[str, Any]:
 def run_autopilot(
     flight: LoggedFlight,
     logged: LoggedAutopilot,
-    plan: str | None,
+    plan: Mapping[str, str] | None,
     from_s: float,
     duration_s: float,
     request: Mapping[str, Any],
+    stream: LoggedStream | None = None,
 ) -> dict[str, Any]:
     """Flies on from a time with the simulated PX4, until both vehicles have landed or for a duration.
 
     Args:
         flight: the logged flight, as far as it goes.
         logged: what its autopilot was doing at the time.
-        plan: the flown plan as JSON; None: not known.
+        plan: `kind` and `text` (JSON) of the flown plan; None: not known.
         from_s: the time [s since the log's start].
         duration_s: longest duration.
-        request: as for `change_from`, and `battery_percent` (or null), `lost`, and `item` (fields of
-            `ItemChange`, or null).
+        request: as for `change_from`, and `battery_percent` (or null), `lost`, `item` (fields of
+            `ItemChange`, or null) and `step` (of `StepChange`).
+        stream: the setpoints until the time, if the vehicle then flew in Offboard.
 
     Returns:
-        As `run`; each track is as long as its flight, `t_s` as the longest. The tracks have `modes` and
-        `warnings`, each with a time and a text.
+        As `run`; each track is as long as its flight, `t_s` as the longest. The tracks have `modes`,
+        `warnings` and `steps`, each with a time and a text.
 
     Raises:
         NotFlyable: the text says why.
     """
     parameters, model, source = _aircraft(flight)
     wind = _wind(model)
-    percent, item = request["battery_percent"], request["item"]
+    percent, item, step = request["battery_percent"], request["item"], request.get("step")
     more = AutopilotChange(
         battery_share=None if percent is None else percent / 100.0,
         lost=frozenset(request["lost"]),
         item=None if item is None else ItemChange(**item),
+        step=None if step is None else StepChange(**step),
     )
+    waypoints, mission = None, None
     try:
-        known = None if plan is None else read(plan)
+        if plan is not None and plan["kind"] == "waypoint_plan":
+            waypoints = read(plan["text"])
+        elif plan is not None and stream is not None:
+            document = mission_reader.read_json(plan["text"])
+            mission = FlownMission(document, stream, flight.parameters, logged.home_alt_amsl_m)
     except PlanError as error:
         raise NotFlyable(str(error), "plan") from error
-    flights = AutopilotFlights(flight, logged, known, parameters, wind, change_from(request), more)
+    flights = AutopilotFlights(
+        flight, logged, waypoints, parameters, wind, change_from(request), more, mission
+    )
     flown = flights.fly(from_s, duration_s)
     start = flight.first_after(from_s)
     part = slice(start, flight.landing_after(start), round(OUTPUT_S / STEP_S))
@@ -120,20 +133,20 @@ def run_autopilot(
         "wind_ned_m_s": [round(each, 2) for each in wind],
         "source": source,
         "model": {name: asdict(each) for name, each in _found(model).items()},
-        "notes": [*flights.notes, *_mode_notes(logged)],
+        "notes": [*flights.notes, *_mode_notes(logged, flown[0])],
     }
 
 
 def _autopilot_track(flown: Flown, began_s: float) -> dict[str, Any]:
-    said = {"modes": flown.modes, "warnings": flown.warnings}
+    said = {"modes": flown.modes, "warnings": flown.warnings, "steps": flown.steps}
     return _track(flown.track, 1) | {
         name: [{"t_s": round(began_s + t_s, 2), "text": text} for t_s, text in each]
         for name, each in said.items()
     }
 
 
-def _mode_notes(logged: LoggedAutopilot) -> list[str]:
-    """What the log's flight was told later."""
+def _mode_notes(logged: LoggedAutopilot, unchanged: Flown) -> list[str]:
+    """What the log's flight was told later; an offboard mission switches modes itself."""
     notes: list[str] = []
     if logged.next_target_s is not None and logged.nav_state == NavState.HOLD:
         notes.append(
@@ -142,7 +155,9 @@ def _mode_notes(logged: LoggedAutopilot) -> list[str]:
     if logged.switched is not None:
         t_s, nav_state = logged.switched
         name = mode_name(nav_state)
-        notes.append(f"At {t_s:.1f} s the vehicle was switched to {name}; that is not flown again.")
+        by_mission = bool(unchanged.steps) and any(mode == name for _, mode in unchanged.modes)
+        if not by_mission:
+            notes.append(f"At {t_s:.1f} s the vehicle was switched to {name}; that is not flown again.")
     return notes
 
 

@@ -9,9 +9,11 @@ import sqlite3
 import pytest
 
 from gcs_server.logbook import uploads
+from missions.offboard.document import write as write_mission
 from missions.plan import write
 from tests.support.api_client import api_client
-from tests.support.flown_mission import flown_mission, square
+from tests.support.flown_mission import flown_mission, flown_offboard, square
+from tests.support.offboard_missions import mission
 from tests.unit.gcs_server.logbook.autotuned_ulog import autotuned_ulog
 from tests.unit.gcs_server.logbook.generated_ulogs import UTC_US, ulog
 from tests.unit.gcs_server.replay.generated_logs import BEGIN_US, flight, log_bytes
@@ -281,6 +283,8 @@ def test_a_log_that_cannot_be_flown_again_says_why(client):
         {"from_s": 1.0, "lost": ["gps"]},
         {"from_s": 1.0, "battery_percent": 0.0},
         {"from_s": 1.0, "item": {"number": 1}},
+        {"from_s": 1.0, "step": {"place": "step 1"}},
+        {"from_s": 1.0, "flown_by": "autopilot", "step": {"place": "1"}},
         {"from_s": 1.0, "flown_by": "pilot"},
         {"from_s": 1.0, "flown_by": "autopilot", "lost": ["wings"]},
         {"from_s": 1.0, "flown_by": "autopilot", "battery_percent": 101.0},
@@ -321,6 +325,30 @@ def test_the_simulated_px4_flies_on_with_a_plan_of_this_server(client, tmp_path)
     assert [each["text"] for each in result["unchanged"]["modes"]] == ["Mission"]
     assert "Land" in [each["text"] for each in result["changed"]["modes"]]
     assert result["changed"]["warnings"]
+    delete(client, flight_id)
+
+
+@pytest.mark.flight
+def test_an_offboard_mission_of_this_server_flies_on_with_a_changed_step(client, tmp_path):
+    fly = "- {step: fly, speed_m_s: 4, points: [{offset_ned_m: [40, 0, -6]}]}\n"
+    flown = mission("- {step: take_off, height_m: 6}\n" + fly)
+    _, begin_s = flown_offboard(tmp_path, flown, for_s=22.0)
+    (log,) = tmp_path.rglob("*.ulg")
+    flight_id = add(client, "offboard.ulg", log.read_bytes(), part_bytes=1_000_000)
+    url, body = f"{API}/flights/{flight_id}/rerun", {"from_s": begin_s + 14.0, "flown_by": "autopilot"}
+    unknown = client.post(url, json=body)
+    assert (unknown.status_code, unknown.json()["field"]) == (422, "plan")
+    plan = {"name": "Out", "plan": json.loads(write_mission(flown))}
+    body |= {"plan": client.post(f"{API}/plans", json=plan).json()["id"], "duration_s": 7.0}
+    refused = client.post(url, json=body | {"step": {"place": "step 3", "speed_m_s": 2.0}})
+    assert (refused.status_code, refused.json()["field"]) == (422, "step")
+    answer = client.post(url, json=body | {"step": {"place": "step 2", "speed_m_s": 1.0}})
+    assert answer.status_code == 200, answer.text
+    result = answer.json()
+    assert result["max_error_m"] < 0.5
+    assert [each["text"] for each in result["changed"]["steps"]] == ["Step 2: Fly"]
+    ends_m = [result[name]["position_ned_m"][-1][0] for name in ("unchanged", "changed")]
+    assert ends_m[0] - ends_m[1] > 10.0
     delete(client, flight_id)
 
 

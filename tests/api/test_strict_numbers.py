@@ -118,7 +118,18 @@ def with_value(example, path, value):
     return copy_of_example
 
 
-WHOLE_NUMBERS = ("bytes", "version", "item", "min_zoom", "max_zoom", "zoom", "axis", "button", "number")
+WHOLE_NUMBERS = (
+    "bytes",
+    "version",
+    "item",
+    "min_zoom",
+    "max_zoom",
+    "zoom",
+    "axis",
+    "button",
+    "number",
+    "point",
+)
 """Fields that accept no float, not even a whole one."""
 
 

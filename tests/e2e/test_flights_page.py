@@ -14,6 +14,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from gcs_server.client import SyncGcs
+from missions.offboard.document import write as write_mission
 from missions.plan import write
 from tests.e2e.browser import open_page, serious_violations
 from tests.e2e.keyboard.tab_order import check_tab_order
@@ -27,7 +28,8 @@ from tests.station import (
     wait_until,
 )
 from tests.support.flown_log import flown_log
-from tests.support.flown_mission import flown_mission, square
+from tests.support.flown_mission import flown_mission, flown_offboard, square
+from tests.support.offboard_missions import mission
 from tests.unit.gcs_server.logbook.autotuned_ulog import autotuned_ulog
 from tests.unit.gcs_server.logbook.generated_ulogs import ulog
 
@@ -226,7 +228,7 @@ def test_the_simulated_px4_flies_on_with_a_changed_failsafe_and_plan_item(
         expect(changed).to_contain_text("attery")
         expect(panel.get_by_role("alert")).to_have_count(0)
         assert serious_violations(page) == []
-        panel.get_by_role("radio", name="A plan item").click()
+        panel.get_by_role("radio", name="An item or step").click()
         expect(fly).to_be_disabled()
         panel.get_by_label("Item of the plan").fill("3")
         panel.get_by_label("Item north by").fill("15")
@@ -235,6 +237,53 @@ def test_the_simulated_px4_flies_on_with_a_changed_failsafe_and_plan_item(
         expect(status.locator("ul").last).not_to_contain_text("attery", timeout=30_000)
         expect(page.get_by_role("region", name="Pane 2")).to_contain_text("North, changed")
         wait_until(lambda: page.evaluate(PLOTTED)[1] > 10, "the tracks")
+
+
+@pytest.mark.story
+def test_an_offboard_mission_flies_on_with_a_changed_step(
+    browser: Browser, server_url: str, tmp_path: Path
+) -> None:
+    fly = "- {step: fly, speed_m_s: 4, points: [{offset_ned_m: [40, 0, -6]}, {offset_ned_m: [40, 20, -6]}]}\n"
+    flown = mission("- {step: take_off, height_m: 6}\n" + fly)
+    _, begin_s = flown_offboard(tmp_path / "vehicle", flown, for_s=35.0)
+    (path,) = (tmp_path / "vehicle").rglob("*.ulg")
+    body = {"name": "Out", "plan": json.loads(write_mission(flown))}
+    assert httpx.post(f"{server_url}/api/v1/plans", json=body).status_code == 201
+    with open_page(browser, server_url, scene=False, size=(1280, 800)) as page:
+        page.keyboard.press("Shift+E")
+        page.get_by_label("Add a log").set_input_files(path)
+        page.get_by_role("radio", name="What if").click()
+        panel = page.get_by_role("group", name="What if")
+        panel.get_by_role("radio", name="An item or step").click()
+        panel.get_by_label("Flown plan").select_option(label="Out")
+        fly_again = panel.get_by_role("button", name=re.compile("Fly again from"))
+        expect(fly_again).to_be_disabled()
+        panel.get_by_label("Step", exact=True).fill("two")
+        expect(panel.get_by_text("Its number in the mission.")).to_be_visible()
+        panel.get_by_label("Step", exact=True).fill("2")
+        panel.get_by_label("Point of the step").fill("2")
+        panel.get_by_label("Step north by").fill("15")
+        panel.get_by_label("Duration", exact=True).fill("15")
+        slider = page.get_by_role("slider", name="Time of the plots")
+        slider.focus()
+        for _ in range(100):
+            if float(re.findall(r"from ([\d.]+)", fly_again.inner_text())[0]) >= begin_s + 15.0:
+                break
+            page.keyboard.press("Shift+ArrowRight")
+        fly_again.click()
+        status = panel.get_by_role("status")
+        expect(status).to_contain_text("it stays within", timeout=30_000)
+        expect(status.locator("ul").last).to_contain_text("Step 2: Fly")
+        expect(panel.get_by_role("alert")).to_have_count(0)
+        assert serious_violations(page) == []
+        if PICTURES:
+            for width, height, theme in ((1280, 800, "dark"), (1280, 800, "light"), (390, 844, "light")):
+                page.set_viewport_size({"width": width, "height": height})
+                page.emulate_media(color_scheme=theme)
+                panel.get_by_label("Step", exact=True).scroll_into_view_if_needed()
+                page.screenshot(path=Path(PICTURES) / f"mission-step-{width}-{theme}.png")
+                status.scroll_into_view_if_needed()
+                page.screenshot(path=Path(PICTURES) / f"mission-step-result-{width}-{theme}.png")
 
 
 @pytest.mark.story

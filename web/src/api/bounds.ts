@@ -52,6 +52,11 @@ export const BOUNDS = {
   ChangedPlan: {
     base_version: {"min":1},
   },
+  ChangedStep: {
+    point: {"min":1,"max":5000},
+    speed_m_s: {"above":0,"max":100},
+    duration_s: {"min":0,"max":3600},
+  },
   kind_circle: {
     lat_deg: {"min":-90,"max":90},
     lon_deg: {"min":-180,"max":180},

@@ -3832,7 +3832,7 @@ export interface paths {
          * @description Flies a part of a quadrotor's ULog again from its logged state: once as it was, which says how much to
          *     trust it, and once with a change. With the logged setpoints, what makes them (modes, missions, failsafes)
          *     is not flown again; the simulated PX4 (`flown_by`: `autopilot`) flies on in Mission, Hold, Return and Land
-         *     and makes them itself.
+         *     and makes them itself, in Offboard an offboard mission of this server makes them.
          */
         readonly post: operations["rerun_flight_api_v1_flights__f__rerun_post"];
         readonly delete?: never;
@@ -4930,6 +4930,39 @@ export interface components {
              * @description Version that was changed; 409 if it is not the newest.
              */
             readonly base_version: number;
+        };
+        /**
+         * ChangedStep
+         * @description What is different at one step of the flown offboard mission.
+         */
+        readonly ChangedStep: {
+            /**
+             * Place
+             * @description The step, as in the mission's status and findings: `step 3`, `step 4.2`, `step 5 then 1`. It had not
+             *     ended; a repeated step changes in its next rounds too.
+             */
+            readonly place: string;
+            /**
+             * Point
+             * @description The point of a step that flies through points, from 1; null: all.
+             */
+            readonly point?: number | null;
+            /**
+             * Moved Ned M
+             * @description What is added to its position [m]; null: it is where it was.
+             */
+            readonly moved_ned_m?: readonly number[] | null;
+            /**
+             * Speed M S
+             * @description Its speed; null: as planned.
+             */
+            readonly speed_m_s?: number | null;
+            /**
+             * Duration S
+             * @description How long it holds, waits, or flies a velocity or an attitude; at a point, how long it stops there;
+             *     null: as planned.
+             */
+            readonly duration_s?: number | null;
         };
         /**
          * ChangesView
@@ -16132,7 +16165,7 @@ export interface components {
         };
         /**
          * RerunEvent
-         * @description A mode or a warning of a vehicle that PX4 flies.
+         * @description A mode, a warning or a mission step of a vehicle that PX4 flies.
          */
         readonly RerunEvent: {
             /**
@@ -16142,7 +16175,7 @@ export interface components {
             readonly t_s: number;
             /**
              * Text
-             * @description The mode that became active, or the warning.
+             * @description The mode that became active, the warning, or the step that began.
              */
             readonly text: string;
         };
@@ -16181,13 +16214,15 @@ export interface components {
             /**
              * Flown By
              * @description `setpoints`: the logged setpoints are followed; `autopilot`: the simulated PX4 flies on in the logged
-             *     mode (Mission, Hold, Return or Land), with its plan, and makes the setpoints.
+             *     mode (Mission, Hold, Return or Land), with its plan, and makes the setpoints; in Offboard the offboard
+             *     mission goes on.
              * @enum {string}
              */
             readonly flown_by?: "setpoints" | "autopilot";
             /**
              * Plan
-             * @description Id of the waypoint plan that was flown; null: the one that this server noted of the flight.
+             * @description Id of the waypoint plan or offboard mission that was flown; null: the one that this server noted of the
+             *     flight.
              */
             readonly plan?: string | null;
             /**
@@ -16203,6 +16238,8 @@ export interface components {
             readonly lost?: readonly ("data_link" | "manual_control" | "gps")[];
             /** @description A changed item of the plan, with `autopilot` in Mission; null: none. */
             readonly item?: components["schemas"]["ChangedItem"] | null;
+            /** @description A changed step of the offboard mission, with `autopilot` in Offboard; null: none. */
+            readonly step?: components["schemas"]["ChangedStep"] | null;
             /**
              * Wind Ned M S
              * @description Other steady wind [m/s], the direction it blows to; null: the one found in the log.
@@ -16309,9 +16346,14 @@ export interface components {
             readonly modes?: readonly components["schemas"]["RerunEvent"][];
             /**
              * Warnings
-             * @description Warnings of the vehicle; empty with the logged setpoints.
+             * @description Warnings of the vehicle or its offboard mission; empty with the logged setpoints.
              */
             readonly warnings?: readonly components["schemas"]["RerunEvent"][];
+            /**
+             * Steps
+             * @description Steps of the offboard mission, the first at the begin; empty without one.
+             */
+            readonly steps?: readonly components["schemas"]["RerunEvent"][];
         };
         /**
          * RestartRequest

@@ -43,7 +43,10 @@ def rerun(flight, *, after_s=0.0, duration_s=40.0, plan=True, **change):
         "flown_by": "autopilot", "parameters": {}, "wind_ned_m_s": None, "motor_health": None,
         "moved_ned_m": None, "battery_percent": None, "lost": [], "item": None,
     }  # fmt: skip
-    from_s, text = moment_s + after_s, write(square()).decode() if plan else None
+    from_s, text = (
+        moment_s + after_s,
+        {"kind": "waypoint_plan", "text": write(square()).decode()} if plan else None,
+    )
     return json.loads(tasks.rerun(str(folder), from_s, from_s + duration_s, request | change, text))
 
 
@@ -162,7 +165,7 @@ def test_a_parameter_that_is_not_used_says_so(flight):
         ({"after_s": 45.0, "item": item(5, then="hold")}, "item", "flew in Return"),
         ({"parameters": {"NO_SUCH": 1.0}}, "parameters", "NO_SUCH is not a parameter"),
         ({"parameters": {"SIH_MASS": 0.0}}, "parameters", "SIH_MASS is 0.0"),
-        ({"moved_ned_m": [1.0, 0.0, 0.0]}, "moved_ned_m", "move a plan item instead"),
+        ({"moved_ned_m": [1.0, 0.0, 0.0]}, "moved_ned_m", "move a plan item or a mission step"),
         ({"after_s": -27.0}, "from_s", "not in the air"),
         ({"after_s": -24.0}, "from_s", "not above the height of its home"),
         ({"after_s": -500.0}, "from_s", "no home position"),
@@ -184,7 +187,7 @@ def test_a_mode_with_foreign_setpoints_is_refused(flight):
     offboard = replace(logged, nav_state=14)
     with pytest.raises(NotFlyable, match="flew in Offboard then") as refused:
         AutopilotFlights(part, offboard, None, {}, (0.0, 0.0, 0.0), Change({}), AutopilotChange())
-    assert refused.value.field == "flown_by"
+    assert refused.value.field == "plan"
 
 
 def test_return_climbs_above_the_logged_target(flight, monkeypatch):

@@ -19,7 +19,7 @@ type Then = NonNullable<Schemas['ChangedItem']['then']>;
 type PlanVersion = Schemas['PlanVersion'];
 type Said = Pick<Problem, 'title' | 'detail'>;
 
-/** What is changed: how logged setpoints are followed; or, with the simulated PX4 that makes them, a failsafe or an item of its plan. */
+/** What is changed: how logged setpoints are followed; or, with the simulated PX4 that makes them, a failsafe, or an item of its plan or a step of its mission. */
 export type ChangeKind = 'control' | 'failsafe' | 'item';
 const USUAL_S: Readonly<Record<ChangeKind, string>> = { control: '20', failsafe: '60', item: '60' };
 const MAX_S: Readonly<Record<ChangeKind, number>> = { control: 120, failsafe: 600, item: 600 };
@@ -29,6 +29,9 @@ export interface ChangedParameter {
   readonly value: number;
 }
 
+const STEP = /^[1-9].{0,190}$/;
+/** The step as the server names it; not a text, which would be translated. */
+const placeOf = (step: string): string => ['step', step.trim()].join(' ');
 const numberOf = (text: string): number | null => (text.trim() === '' || !Number.isFinite(Number(text)) ? null : Number(text));
 const isBetween = (text: string, low: number, high: number): boolean => {
   const value = numberOf(text);
@@ -58,7 +61,13 @@ export class WhatIf {
   battery = $state('');
   /** Number of the changed item, from 1. */
   item = $state('');
-  /** Speed from the item on [m/s]; empty: as planned. */
+  /** The changed step of an offboard mission, as the mission names it without "step": 3, 4.2. */
+  step = $state('');
+  /** Its point, from 1; empty: all. */
+  point = $state('');
+  /** How long it holds or waits [s]; empty: as planned. */
+  stepDuration = $state('');
+  /** Speed from the item on, or of the step [m/s]; empty: as planned. */
   speed = $state('');
   /** What follows the item; empty: the next one. */
   then = $state<Then | ''>('');
@@ -87,7 +96,7 @@ export class WhatIf {
     this.parameters = [];
     this.kind = 'control';
     this.duration = USUAL_S.control;
-    this.plan = this.lost = this.battery = this.item = this.speed = this.then = '';
+    this.plan = this.lost = this.battery = this.item = this.step = this.point = this.stepDuration = this.speed = this.then = '';
     this.stoppedMotor = 0;
     this.windNorth = this.windEast = this.movedNorth = this.movedEast = this.movedUp = '';
     this.isBusy = false;
@@ -103,11 +112,22 @@ export class WhatIf {
   readonly isBatteryValid = $derived(isBetween(this.battery, 0, 100));
   readonly isSpeedValid = $derived(isBetween(this.speed, 0.1, 30));
   readonly isItemValid = $derived(isBetween(this.item, 1, 10_000) && Number.isInteger(Number(this.item)));
+  readonly isStepValid = $derived(this.step.trim() === '' || STEP.test(this.step.trim()));
+  readonly isPointValid = $derived(isBetween(this.point, 1, 5000) && Number.isInteger(Number(this.point)));
+  readonly isStepDurationValid = $derived(isBetween(this.stepDuration, 0, 3600));
+  /** Whether an item is a step: the chosen plan, or the one that was noted with the flight, is an offboard mission. */
+  readonly isOfMission = $derived.by(() => {
+    const chosen = this.plan === '' ? this.view.record?.plan : this.plans?.find(({ id }) => id === this.plan);
+    return this.kind === 'item' && chosen?.kind === 'offboard_mission';
+  });
   readonly maxDuration_s = $derived(MAX_S[this.kind]);
   /** Whether the fields of this kind of change can be flown. */
   readonly isValid = $derived.by(() => {
     const duration_s = numberOf(this.duration);
-    const isOwnValid = { control: true, failsafe: this.isBatteryValid, item: this.isItemValid && this.isSpeedValid && this.item.trim() !== '' }[this.kind];
+    const isItemValid = this.isOfMission
+      ? this.isStepValid && this.isPointValid && this.isStepDurationValid && this.step.trim() !== ''
+      : this.isItemValid && this.item.trim() !== '';
+    const isOwnValid = { control: true, failsafe: this.isBatteryValid, item: isItemValid && this.isSpeedValid }[this.kind];
     return isOwnValid && duration_s !== null && duration_s >= 1 && duration_s <= this.maxDuration_s;
   });
 
@@ -148,6 +168,10 @@ export class WhatIf {
     if (this.kind === 'control') return { ...common, moved_ned_m };
     const by = { ...common, flown_by: 'autopilot' as const, plan: this.plan === '' ? null : this.plan };
     if (this.kind === 'failsafe') return { ...by, battery_percent: numberOf(this.battery), lost: this.lost === '' ? [] : [this.lost] };
+    if (this.isOfMission) {
+      const step = { place: placeOf(this.step), point: numberOf(this.point), moved_ned_m };
+      return { ...by, step: { ...step, speed_m_s: numberOf(this.speed), duration_s: numberOf(this.stepDuration) } };
+    }
     return { ...by, item: { number: Number(this.item), moved_ned_m, speed_m_s: numberOf(this.speed), then: this.then === '' ? null : this.then } };
   }
 

@@ -123,6 +123,34 @@ describe('what if', () => {
     expect(whatIf.body(30)).not.toHaveProperty('flown_by');
   });
 
+  it('sends a changed step of the offboard mission that was noted or is chosen', async () => {
+    const { view, whatIf } = await opened();
+    whatIf.choose('item');
+    expect(whatIf.isOfMission).toBe(false);
+    whatIf.plans = [
+      { id: 'b2', kind: 'offboard_mission' },
+      { id: 'a1', kind: 'waypoint_plan' },
+    ] as unknown as typeof whatIf.plans;
+    whatIf.plan = 'b2';
+    expect([whatIf.isOfMission, whatIf.isValid]).toEqual([true, false]); // which step is not said
+    Object.assign(whatIf, { step: ' 4.2 ', point: '0', movedUp: '3', stepDuration: '5', item: '9' });
+    expect(whatIf.isValid).toBe(false);
+    Object.assign(whatIf, { point: '2' });
+    expect(whatIf.isValid).toBe(true);
+    const step = { place: 'step 4.2', point: 2, moved_ned_m: [0, 0, -3], speed_m_s: null, duration_s: 5 };
+    expect(whatIf.body(30)).toMatchObject({ plan: 'b2', step });
+    expect(whatIf.body(30)).not.toHaveProperty('item');
+    whatIf.step = 'four';
+    expect(whatIf.isValid).toBe(false);
+    whatIf.plan = 'a1';
+    expect(whatIf.isOfMission).toBe(false);
+    whatIf.plan = '';
+    view.record = { plan: { kind: 'offboard_mission' } } as unknown as typeof view.record;
+    expect(whatIf.isOfMission).toBe(true);
+    whatIf.choose('failsafe');
+    expect(whatIf.isOfMission).toBe(false);
+  });
+
   it('draws each path as long as its flight', async () => {
     const short = { ...RESULT, changed: { ...RESULT.changed, position_ned_m: [[0, 1, -5]], attitude_deg: [[0, 0, 90]] } };
     const { view, whatIf, answerNow } = await opened({ status: 200, value: short });
