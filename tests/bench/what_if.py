@@ -25,6 +25,7 @@ from tests.support.flown_log import flown_log
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.simulation import STEP_S
 
+from . import what_if_px4
 from .fault_recordings import FAULTS
 from .flight_recordings import FLIGHTS
 
@@ -237,6 +238,8 @@ def table() -> Iterator[str]:
             found = identified(body, Path(folder))
         drag = f"{found.drag:+.1%}" if found.drag_known else f"not known ({found.drag:+.0%})"
         yield f"| {found.body} | {found.thrust:+.1%} | {drag} | {found.thrust_sigma:+.1f} |"
+    yield ""
+    yield from what_if_px4.table()
 
 
 def rerun_rows(title: str, reruns: list[Rerun]) -> Iterator[str]:

@@ -7,11 +7,14 @@ import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import numpy as np
+
 from gcs_server.logbook import columns, overview
 from gcs_server.logbook.ulog import read_ulog
 from missions.dry_run.fleet import Vehicle
 from missions.dry_run.offboard import OffboardPilot
 from missions.dry_run.waypoints import StoredPlan
+from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
@@ -29,6 +32,7 @@ _ORIGIN = SimulationOrigin()
 HOME = LocalOrigin(_ORIGIN.lat_deg, _ORIGIN.lon_deg, _ORIGIN.alt_amsl_m)
 CORNERS_NE_M = ((40.0, 0.0), (40.0, 40.0), (0.0, 40.0))
 ALTITUDE_M = 12.0
+CALM: Vector3 = (0.0, 0.0, 0.0)
 
 
 def square() -> Plan:
@@ -53,6 +57,7 @@ def flown_mission(
     fly_on_s: float,
     parameters: Mapping[str, float] | None = None,
     sensor_noise: bool = False,
+    wind_ned_m_s: Vector3 = CALM,
 ) -> tuple[Path, float]:
     """A vehicle flies a plan to an item, and on; equal flights are equal until `then`.
 
@@ -64,11 +69,12 @@ def flown_mission(
         fly_on_s: how long it is logged from then on.
         parameters: with other values than PX4's.
         sensor_noise: whether its sensors have noise, and with them the logged estimates.
+        wind_ned_m_s: steady wind.
 
     Returns:
         The folder of the log's columns, and the moment [s since the log's start].
     """
-    station, _ = _station(folder, parameters, sensor_noise)
+    station, _ = _station(folder, parameters, sensor_noise, wind_ned_m_s)
     autopilot = station.sim.autopilots[0]
     for mission_type, items in StoredPlan.from_plan(plan).parts:
         autopilot.plans.store(mission_type, items)
@@ -90,6 +96,7 @@ def flown_offboard(
     before_each_step: Callable[[OffboardPilot, float], None] | None = None,
     parameters: Mapping[str, float] | None = None,
     sensor_noise: bool = False,
+    wind_ned_m_s: Vector3 = CALM,
 ) -> tuple[Path, float]:
     """A vehicle flies an offboard mission; its questions are answered at once.
 
@@ -100,11 +107,12 @@ def flown_offboard(
         before_each_step: called with the pilot and the time since the mission's start [s].
         parameters: with other values than PX4's.
         sensor_noise: whether its sensors have noise.
+        wind_ned_m_s: steady wind.
 
     Returns:
         The folder of the log's columns, and the mission's start [s since the log's start].
     """
-    station, store = _station(folder, parameters, sensor_noise)
+    station, store = _station(folder, parameters, sensor_noise, wind_ned_m_s)
     vehicle = Vehicle(station.sim.autopilots[0], station.sim.nodes[0])
     limits = MissionVehicle.from_parameters({name: float(value) for name, value in store.items()})
     start = Start(
@@ -124,11 +132,12 @@ def flown_offboard(
 
 
 def _station(
-    folder: Path, parameters: Mapping[str, float] | None, sensor_noise: bool
+    folder: Path, parameters: Mapping[str, float] | None, sensor_noise: bool, wind_ned_m_s: Vector3
 ) -> tuple[Station, Parameters]:
     store = Parameters({"RTL_RETURN_ALT": 20.0, **(parameters or {})})
     files = [VehicleFiles(folder / "vehicle")]
     station = Station(log=True, files=files, stores=[store], sensor_noise=sensor_noise)
+    station.sim.simulation.set_wind(np.array(wind_ned_m_s), 0)
     station.run_until(lambda: station.can_be_armed, 15)
     return station, store
 

@@ -7,8 +7,9 @@ declaration.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 
-from vehicle_sim.topics.layout import TYPES, TopicLayout
+from vehicle_sim.topics.layout import FIELDS, TYPES, Field, TopicLayout, nested
 
 MAGIC = b"ULog\x01\x12\x35"
 VERSION = 1
@@ -71,9 +72,14 @@ def logged_text(severity: int, time_us: int, text: str) -> bytes:
 
 
 def topic_format(layout: TopicLayout) -> bytes:
-    """The format message: names and types of a topic's fields."""
-    declarations = "".join(f"{f.type}{f'[{f.length}]' if f.length else ''} {f.name};" for f in layout.fields)
-    return message("F", f"{layout.name}:{declarations}".encode("ascii"))
+    """The format messages: names and types of a topic's fields, and those of its nested types."""
+    own = _format(layout.name, layout.declared)
+    return own + b"".join(_format(name, FIELDS[name]) for name in nested(layout.declared))
+
+
+def _format(name: str, fields: Sequence[Field]) -> bytes:
+    declarations = "".join(f"{f.type}{f'[{f.length}]' if f.length else ''} {f.name};" for f in fields)
+    return message("F", f"{name}:{declarations}".encode("ascii"))
 
 
 def subscription(layout: TopicLayout) -> bytes:

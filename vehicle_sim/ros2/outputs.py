@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.ros2.messages import MessageType
 from vehicle_sim.ros2.topics import GIMBAL, STATUS, TIMESYNC, TRIPLET, Output, topics_of
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.topics.arrays import ArrayTopic, array_topics
 from vehicle_sim.topics.states import States, StateTopic
+from vehicle_sim.topics.triplet import setpoint_type, triplet
 
 TICK_US = 20_000
 """Period of the autopilot; state topics do not change more often."""
 DDS_PROTOCOL = 2
 """TimesyncStatus.SOURCE_PROTOCOL_DDS."""
-SETPOINT_TYPES, LANDING_TYPE = {NavState.TAKEOFF: 3, NavState.HOLD: 2}, 4
-"""PositionSetpoint.type of a mode's waypoint, and of a landing; else it is a position to fly to (0)."""
-DEFAULT_SETPOINT = {
-    "type": 5, "loiter_radius": 80.0, "acceptance_radius": 2.0, "cruising_speed": -1.0,
-    "cruising_throttle": math.nan, "lat": math.nan, "lon": math.nan, "yaw": math.nan,
-}  # fmt: skip
-"""Fields of a position setpoint without a waypoint; type 5 is SETPOINT_TYPE_IDLE."""
 Publish = Callable[[str, bytes], None]
 
 
@@ -201,17 +193,7 @@ class Outputs:
 
     def _publish_triplet(self, now_us: int) -> None:
         """Publishes the waypoint when it or its type changes, and while disarmed also periodically."""
-        commander, waypoint = self._autopilot.commander, self._autopilot.waypoint
-        lands = self._autopilot.navigator.lands_in(commander.active)
-        setpoint_type = LANDING_TYPE if lands else SETPOINT_TYPES.get(commander.active, 0)
-        published = None if waypoint is None else (waypoint, setpoint_type)
-        if not self._triplet.due(published, now_us, periodic=not commander.armed):
-            return
-        values: dict[str, Any] = {}
-        for role in ("previous", "current", "next"):
-            setpoint = DEFAULT_SETPOINT | {"timestamp": now_us}
-            if role == "current" and waypoint is not None:
-                setpoint |= {"valid": True, "type": setpoint_type}
-                setpoint |= dict(zip(("lat", "lon", "alt"), waypoint, strict=True))
-            values |= {f"{role}.{name}": value for name, value in setpoint.items()}
-        self._send(self._triplet.output, values, now_us)
+        autopilot, waypoint = self._autopilot, self._autopilot.waypoint
+        published = None if waypoint is None else (waypoint, setpoint_type(autopilot))
+        if self._triplet.due(published, now_us, periodic=not autopilot.commander.armed):
+            self._send(self._triplet.output, triplet(autopilot, now_us), now_us)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,7 +22,7 @@ TYPES: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field of a topic; length 0: a scalar, otherwise an array."""
+    """One field of a topic; length 0: a scalar, otherwise an array. Its type is in `TYPES`, or a topic."""
 
     type: str
     name: str
@@ -48,6 +48,20 @@ FIELDS = _read_fields()
 with a version of PX4, as `battery_status 1.17`, is for that version, and one without for all others."""
 
 
+def nested(fields: Sequence[Field]) -> list[str]:
+    """The types of these fields that are topics themselves."""
+    return list(dict.fromkeys(field.type for field in fields if field.type not in TYPES))
+
+
+def _flat(fields: Sequence[Field], prefix: str = "") -> Iterator[Field]:
+    """The fields, with those of nested types in their place: `current.lat`."""
+    for field in fields:
+        if field.type in TYPES:
+            yield Field(field.type, f"{prefix}{field.name}", field.length)
+        else:
+            yield from _flat(FIELDS[field.type], f"{prefix}{field.name}.")
+
+
 class TopicLayout:
     """Layout of one topic; `pack` and `blank` create the data messages of a log (ULog type D).
 
@@ -62,7 +76,9 @@ class TopicLayout:
         self.name = name
         self.msg_id = msg_id
         self.multi_id = multi_id
-        self.fields = FIELDS.get(f"{name} {version}", FIELDS[name])
+        self.declared = FIELDS.get(f"{name} {version}", FIELDS[name])
+        """Fields with nested types."""
+        self.fields = tuple(_flat(self.declared))
         struct_codes = [f"{field.length or ''}{TYPES[field.type][0]}" for field in self.fields]
         self._struct = struct.Struct("<" + "".join(struct_codes))
         self._header = _DATA_HEADER.pack(self._struct.size + 2, ord("D"), msg_id)

@@ -23,6 +23,7 @@ from vehicle_sim.external_modes.slots import Controllers
 from vehicle_sim.home import Home
 from vehicle_sim.topics.arrays import ARRAY_TOPIC_COUNT
 from vehicle_sim.topics.layout import TopicLayout
+from vehicle_sim.topics.triplet import setpoint_type, triplet
 from vehicle_sim.vehicle_view import VehicleView
 
 Values = Mapping[str, Any]
@@ -39,6 +40,8 @@ SOURCE_MAVLINK_0 = 2
 """`data_source` of stick positions that were received by MAVLink."""
 OFFBOARD_PERIOD_S = 0.1
 """Period of `offboard_control_mode` while setpoints are received."""
+TARGET_PERIOD_US = 200_000
+"""Period of `position_setpoint_triplet` while disarmed."""
 STICKS_PERIOD_S = 0.2
 """Period of `manual_control_setpoint` while stick positions are received."""
 TRAJECTORY_KINDS = (SetpointKind.POSITION, SetpointKind.VELOCITY, SetpointKind.ACCELERATION)
@@ -174,6 +177,8 @@ class States:
              lambda: (mission.current, mission.reached, mission.finished)),
             ("manual_control_setpoint", 0, self._manual_control,
              lambda: sticks.received_at_s // STICKS_PERIOD_S if sticks.valid else None),
+            ("position_setpoint_triplet", 0, lambda: triplet(autopilot, view.time_boot_us()),
+             self._target_key),
             ("offboard_control_mode", 0, self._offboard_control_mode,
              lambda: commander.offboard.received_at_s // OFFBOARD_PERIOD_S),
         )  # fmt: skip
@@ -324,6 +329,13 @@ class States:
             "valid": self._commander.checks.has_mission,
             "finished": mission.finished,
         }
+
+    def _target_key(self) -> object:
+        """Changes with the target, and while disarmed with each period."""
+        commander, navigator = self._commander, self._autopilot.navigator
+        if not commander.armed:
+            return self._view.time_boot_us() // TARGET_PERIOD_US
+        return navigator.waypoint(commander.active), setpoint_type(self._autopilot)
 
     def _offboard_control_mode(self) -> Values:
         kind = self._commander.offboard.kind

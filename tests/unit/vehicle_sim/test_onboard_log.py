@@ -1,13 +1,14 @@
 """Onboard logs read by pyulog: they have the values of the flight at the rates of PX4's logs."""
 
+import gzip
 import json
-from io import FileIO
+from io import BytesIO, FileIO
 
 import numpy as np
 import pytest
 from pyulog import ULog
 
-from tests.unit.vehicle_sim.sim_station import Station
+from tests.unit.vehicle_sim.sim_station import LAND_COMMAND, Station
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.px4_version import V1_16, VERSIONS
@@ -140,6 +141,34 @@ def test_each_topic_has_the_fields_and_the_rate_of_px4s_log(flight, reference_da
         hz = recorded[name]["hz"]
         if hz is not None and hz >= 5.0 and len(times) > 20:
             assert (len(times) - 1) / ((times[-1] - times[0]) / 1e6) == pytest.approx(hz, rel=0.03), name
+
+
+def test_the_target_is_logged_with_the_types_and_the_altitudes_of_px4s_log(tmp_path, reference_data):
+    """Takeoff, Hold and Land, as in the recorded log of a real PX4."""
+    station = Station(log=True, files=[VehicleFiles(tmp_path)], sensor_noise=False)
+    station.run_until(lambda: station.can_be_armed, 15)
+    station.take_off_and_hover(4.0)
+    station.run(1.0)
+    station.command(LAND_COMMAND)
+    station.run_until(lambda: not station.sim.autopilots[0].commander.armed, 40)
+    station.run(0.5)
+
+    def target(log):
+        (data,) = (each.data for each in log.data_list if each.name == "position_setpoint_triplet")
+        types = data["current.type"].tolist()
+        changes = [n for n, kind in enumerate(types) if n == 0 or kind != types[n - 1]]
+        valid = [(types[n], bool(data["current.valid"][n])) for n in changes]
+        return valid, [data["current.alt"][n] == 0.0 for n in changes], data
+
+    (path,) = tmp_path.rglob("*.ulg")
+    valid, is_zero, data = target(ULog(str(path)))
+    assert valid == [(5, False), (3, True), (2, True), (4, True), (5, False)]
+    recorded = gzip.decompress((reference_data / "px4/logs/flight-short.ulg.gz").read_bytes())
+    assert target(ULog(BytesIO(recorded)))[:2] == (valid, is_zero)
+    hold = data["current.type"] == 2
+    assert data["current.alt"][hold][0] == pytest.approx(
+        station.sim.autopilots[0].home.alt_amsl_m + 4, abs=0.3
+    )
 
 
 BRIDGED = {

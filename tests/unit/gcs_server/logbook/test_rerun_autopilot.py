@@ -190,19 +190,15 @@ def test_a_mode_with_foreign_setpoints_is_refused(flight):
     assert refused.value.field == "plan"
 
 
-def test_return_climbs_above_the_logged_target(flight, monkeypatch):
+def test_return_climbs_above_the_logged_target(flight):
     """It began its Return with some speed, and climbs above the place where it stops."""
-    above_ned_m = (1.94, 40.14, -20.0)
-
-    def with_target(*arguments):
-        return replace(autopilot_at(*arguments), target_ned_m=above_ned_m)
-
-    monkeypatch.setattr("gcs_server.logbook.flown.autopilot_at", with_target)
+    folder, moment_s = flight
+    target_ned_m = autopilot_at(Columns(folder), None, moment_s + 23.5, moment_s + 43.5).target_ned_m
+    assert target_ned_m == pytest.approx((1.94, 40.14, -20.0), abs=0.1)
     assert rerun(flight, after_s=23.5, duration_s=20.0)["max_error_m"] < 1.0
 
 
 def test_hold_flies_to_the_logged_target_and_a_later_one_is_said(tmp_path):
-    """Our simulated PX4 logs no target of the navigator; PX4's names and values are written here."""
     lat_deg, lon_deg, alt_amsl_m = HOME.to_geodetic((30.0, -20.0, -15.0))
     at_s, step = np.arange(0.0, 9.0, 0.2), np.arange(45) >= 20
     values = {
