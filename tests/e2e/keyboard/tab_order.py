@@ -118,6 +118,14 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         page.keyboard.press("Enter")
         settings.get_by_text(text("Buttons while one flies by stick")).wait_for()
 
+    def open_autotune_page() -> None:
+        vehicle = page.get_by_role("region", name=text("Vehicle set-up"), exact=True)
+        if not vehicle.is_visible():
+            page.keyboard.press("Shift+V")
+        vehicle.get_by_role("radio", name=text("Autotune"), exact=True).focus()
+        page.keyboard.press("Enter")
+        vehicle.get_by_role("region", name=text("Gains"), exact=True).wait_for()
+
     def open_point_menu() -> None:
         point_menu = page.get_by_role("dialog", name=text("At this position"))
 
@@ -153,6 +161,7 @@ def views_and_panels(page: Page, text: Callable[[str], str] = str) -> list[tuple
         ("view: flights", open_flights),
         ("view: live plots", open_live_plots),
         ("view: gamepad", open_gamepad_page),
+        ("view: autotune", open_autotune_page),
         ("view: offboard", open_offboard_view),
         *inputs,
     ]

@@ -48,6 +48,7 @@ const { BATCH_ACTIONS, batchCommand } = await import('./vehicles/batch');
 const { vehicleList } = await import('./vehicles/controllers');
 const { groundSources, mapPointMenu, mapSources } = await import('./stage/controllers');
 const { guided } = await import('./guided/controllers');
+const { autotune } = await import('./autotune/controllers');
 const { modeMenu } = await import('./modes/controllers');
 const { modeGroups } = await import('./modes/mode-texts');
 const { holdByStick } = await import('./sticks/controllers');
@@ -164,6 +165,8 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
       return mapPointMenu.setRoi(facts);
     },
   },
+  'start autotune': { click: (facts) => autotune.start(facts) },
+  'end autotune': { click: (facts) => autotune.end(facts) },
   'clear ROI': { click: (facts) => gimbalControl.clearRoi(facts) },
   'take the gimbal': { click: (facts) => gimbalControl.takeOrRelease(facts, true) },
   'release the gimbal': { click: (facts) => gimbalControl.takeOrRelease(facts, false) },

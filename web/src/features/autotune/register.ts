@@ -1,0 +1,3 @@
+import { registry } from '../../app/registry.svelte';
+
+registry.addVehiclePage({ id: 'autotune', title: 'Autotune', order: 20, load: () => import('./AutotunePage.svelte') });
