@@ -90,6 +90,7 @@ async def keep_model(v: str, body: ModelToKeep, station: StationDep, principal: 
             drag_per_s=None if drag is None else drag.value,
             drag_error_per_s=None if drag is None else drag.error,
             parameters=found.parameters,
+            turns_known=found.turns_known,
         )
         await station.flights.models.keep(vehicle.identity, model)
     return json_response({"model": model})

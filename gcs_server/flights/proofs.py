@@ -55,10 +55,12 @@ async def simulated_values(
     }
     kept = models.find(vehicle.identity)
     if kept is not None:
-        assumed = [
-            f"The body of the vehicle is the one identified in a flight: {kept.text()}.",
-            "What the flight did not say of its turning is the simulated quadrotor’s.",
-        ]
+        assumed = [f"The body of the vehicle is the one identified in a flight: {kept.text()}."]
+        if kept.turns_known is not True:
+            assumed.append(
+                "The gains may be proved with the turning of another vehicle: log a flight with the motors "
+                "at a high rate, and keep its model."
+            )
         return values | dict(kept.parameters), assumed
     if not is_simulated:
         raise InvalidRequest(

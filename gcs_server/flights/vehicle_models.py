@@ -48,6 +48,9 @@ class KeptModel:
     """Its standard error."""
     parameters: Annotated[dict[BodyParameter, Finite], Field(max_length=40)]
     """The body of the simulation (SIH_*, MPC_THR_HOVER)."""
+    turns_known: bool | None = None
+    """Whether the flight said enough of the turning about all axes; false: where it did not, the simulated
+    quadrotor's is used; null: kept before this was recorded."""
 
     def text(self) -> str:
         """The model in words: `thrust 20.1 m/s² by mass (±0.3), …, from "a.ulg"`."""
@@ -56,9 +59,14 @@ class KeptModel:
             if self.drag_per_s is None
             else f"drag {self.drag_per_s:.2f} 1/s (±{self.drag_error_per_s or 0.0:.2f})"
         )
+        turning = {
+            True: "turning as in the flight",
+            False: "turning not known about all axes (there the simulated quadrotor’s)",
+            None: "whether the turning was known is not recorded (keep it again)",
+        }[self.turns_known]
         day = time.strftime("%Y-%m-%d", time.gmtime(self.kept_unix_s))
         thrust = f"thrust by mass {self.thrust_m_s2:.1f} m/s² (±{self.thrust_error_m_s2:.1f})"
-        return f"{thrust}, {drag}, from “{self.log}”, kept on {day}"
+        return f"{thrust}, {drag}, {turning}, from “{self.log}”, kept on {day}"
 
 
 class VehicleModels:

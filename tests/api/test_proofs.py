@@ -112,8 +112,13 @@ def test_a_proof_needs_a_known_vehicle_its_parameters_and_its_body(client):
 
 
 def test_a_kept_model_is_the_body_of_a_real_vehicle():
-    kept = SimpleNamespace(parameters={"SIH_MASS": 1.0, "SIH_T_MAX": 6.0}, text=lambda: "thrust 24 m/s²")
+    kept = SimpleNamespace(
+        parameters={"SIH_MASS": 1.0, "SIH_T_MAX": 6.0}, text=lambda: "thrust 24 m/s²", turns_known=False
+    )
     models = SimpleNamespace(find=lambda _: kept)
     values, assumed = values_of(vehicle(MC_ROLLRATE_P=0.2, CA_ROTOR0_PX=9.0), models)
     assert values == {"MC_ROLLRATE_P": 0.2, "SIH_MASS": 1.0, "SIH_T_MAX": 6.0}
     assert "thrust 24 m/s²" in assumed[0]
+    assert "turning of another vehicle" in assumed[1]
+    kept.turns_known = True
+    assert len(values_of(vehicle(MC_ROLLRATE_P=0.2), models)[1]) == 1

@@ -10170,6 +10170,12 @@ export interface components {
             readonly parameters: {
                 readonly [key: string]: number;
             };
+            /**
+             * Turns Known
+             * @description Whether the flight said enough of the turning about all axes; false: where it did not, the simulated
+             *     quadrotor's is used; null: kept before this was recorded.
+             */
+            readonly turns_known: boolean | null;
         };
         /**
          * KeptPlan

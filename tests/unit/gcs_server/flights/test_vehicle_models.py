@@ -24,6 +24,7 @@ MODEL = KeptModel(
     drag_per_s=None,
     drag_error_per_s=None,
     parameters={"SIH_MASS": 1.5, "MPC_THR_HOVER": 0.49},
+    turns_known=True,
 )
 
 
@@ -49,11 +50,25 @@ def test_a_model_is_there_after_a_restart_for_the_same_vehicle_only_until_it_is_
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_model_that_was_kept_before_turning_was_recorded_is_used_and_says_so(tmp_path):
+    store = store_in(tmp_path)
+    keep(store, ONE, MODEL)
+    store.close()
+    (path,) = tmp_path.iterdir()
+    content = json.loads(path.read_text())
+    del content["turns_known"]
+    path.write_text(json.dumps(content))
+    found = store_in(tmp_path).find(ONE)
+    assert found == replace(MODEL, turns_known=None)
+    assert "whether the turning was known is not recorded" in found.text()
+
+
 def test_it_says_in_words_what_is_known():
     assert MODEL.text() == (
-        "thrust by mass 20.0 m/s² (±0.3), drag not known, so the simulated quadrotor’s, from “a.ulg”, kept "
-        "on 2023-11-14"
+        "thrust by mass 20.0 m/s² (±0.3), drag not known, so the simulated quadrotor’s, turning as in the "
+        "flight, from “a.ulg”, kept on 2023-11-14"
     )
+    assert "turning not known about all axes (there the simulated" in replace(MODEL, turns_known=False).text()
     assert "drag 0.40 1/s (±0.02)" in replace(MODEL, drag_per_s=0.4, drag_error_per_s=0.02).text()
 
 
