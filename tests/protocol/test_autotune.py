@@ -268,13 +268,17 @@ def test_the_end_of_an_earlier_run_is_not_taken_for_a_start(run_simulated):
     run_with_autotune(run_simulated, scenario)
 
 
-def test_a_vehicle_whose_module_does_not_run_does_not_begin_at_its_next_boot(run_simulated):
+@pytest.mark.parametrize("has_start_parameter", [True, False])
+def test_a_vehicle_whose_module_does_not_run_does_not_begin_at_its_next_boot(
+    run_simulated, has_start_parameter
+):
     async def scenario(rig):
         shown = await ended(rig, await start(rig))
         assert "does not begin" in shown["text"]
-        assert rig.autopilot.params["MC_AT_START"][1] == 0
+        assert rig.autopilot.params.get("MC_AT_START", (0, 0))[1] == 0
+        assert ("It may still begin" in shown["error"]["remedy"]) is not has_start_parameter
 
-    run_with_autotune(run_simulated, scenario, runs_module=False)
+    run_with_autotune(run_simulated, scenario, runs_module=False, has_start_parameter=has_start_parameter)
 
 
 @pytest.mark.parametrize(

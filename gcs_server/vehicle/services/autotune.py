@@ -2,8 +2,8 @@
 
 The vehicle moves about roll, pitch and yaw by itself and computes gains of its controllers. It ends by
 itself, also without a ground station: with gains, or without them when a stick of roll or pitch is moved by
-more than 5 %, the mode changes, or a step lasts 20 s. The command has no other way to end it: any copy of it
-that arrives after the end starts it again, whatever its parameters say. Therefore it is followed only as
+more than 5 %, the mode changes, or a step lasts 20 s. The command cannot end it: a copy of it that arrives
+after the end starts it again, up to v1.17 whatever its parameters say. Therefore it is followed only as
 `autotune_polls.py` allows; after that by MC_AT_START, whose reading starts nothing: PX4 up to v1.17 sets it
 to 0 at the end.
 
@@ -331,13 +331,15 @@ class AutotuneService:
         if run.progress >= 95:
             return "waits_for_disarming"
         if run.progress == 0 and now_s - run.start_s > BEGINS_WITHIN_S:
-            # Otherwise the next start of the module, which may be in flight, would begin to tune.
-            if run.watchable:
+            if run.watchable:  # otherwise the vehicle would begin to tune after its next boot
                 await vehicle.params.set(START, 0)
+                remedy = f"It must be restarted after {ENABLED} was set to 1: land and restart it."
+            else:  # PX4 v1.18 tunes once a boot, and takes a second start with the next change of a parameter
+                remedy = "It may still begin, with the next change of a parameter: land and restart it."
             raise Rejected(
                 f"Vehicle {vehicle.id} accepted autotune and does not begin.",
                 mav_result=answer.result,
-                remedy=f"It must be restarted after {ENABLED} was set to 1: land and restart it.",
+                remedy=remedy,
             )
         report(self._step_text(run.progress), run.progress / 100)
         return None
@@ -355,7 +357,10 @@ class AutotuneService:
                 run, f"It is not known whether the autotune of vehicle {vehicle.id} goes on. {self._why(run)}"
             )
         while vehicle.clock.monotonic_s() < run.start_s + MAX_DURATION_S:
-            report(f"Tuning goes on; its progress is not known. {self._why(run)}", None)
+            why = self._why(run)
+            report(
+                f"Tuning goes on; its progress is not known. A stick of roll or pitch ends it. {why}", None
+            )
             await vehicle.clock.sleep(WATCH_PERIOD_S)
             try:
                 value = await self._read(START)
