@@ -43,8 +43,10 @@ from gcs_server.flights.flight_notes import FlightNotes
 from gcs_server.flights.flights import Flights
 from gcs_server.flights.resume import ProgressStore
 from gcs_server.flights.vehicle_models import VehicleModels
+from gcs_server.guard.guards import Guards
 from gcs_server.language import language_of
 from gcs_server.links.names import shown_url
+from gcs_server.links.url import guarded
 from gcs_server.logbook.after_landing import PERIOD_S
 from gcs_server.logbook.decisions import Decisions
 from gcs_server.logbook.joined_flights import JoinedFlights
@@ -187,7 +189,7 @@ class Server:
 
     def __init__(self, settings: Settings, clock: Clock, *, more_links: tuple[str, ...] = ()) -> None:
         folder = DataFolder(settings.data)
-        self._links = (*settings.links, *more_links)
+        self._links = (*settings.links, *map(guarded, settings.guards), *more_links)
         self._link_errors: list[Notice] = []
         self._simulator = _simulator(settings, clock, folder)
         self.supervisor = Supervisor(clock)
@@ -242,7 +244,7 @@ class Server:
             has_scene=self.scene is not None,
             simulator=self._simulator,
         )
-        self._connect_hub(hub)
+        self._connect_station(hub)
         self.flight_notes = self._flight_notes(clock)
         self._collect_warnings()
 
@@ -291,7 +293,8 @@ class Server:
         target, on_click, on_drag = self._offboard_target, events.scene_click, events.scene_drag
         return SceneProcess(self.fleet, clock, target, on_click, on_drag, result_of, ground)
 
-    def _connect_hub(self, hub: Hub) -> None:
+    def _connect_station(self, hub: Hub) -> None:
+        self.station.guards = Guards(self.station, self.router, self.supervisor)
         hub.set_replays_source(self.station.replays.all)
         hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)
         hub.set_landed_logs_source(self.station.after_landing.of)
@@ -326,6 +329,7 @@ class Server:
             texts += [("fault", self.scene.faults), ("scene", self.scene.warning)]
         sources = self.station.warning_sources
         sources.append(lambda: list(self._link_errors))
+        sources.append(self.station.guards.warnings)
         sources += [partial(_notices, kind, source) for kind, source in texts]
         if self._simulator is not None:
             sources.append(self._simulator.warnings)
@@ -355,6 +359,7 @@ class Server:
         self.flights.start()
         self.flight_notes.start(self.supervisor)
         self.station.authority.start()
+        self.station.guards.start()
         self.supervisor.start("room for flights", self.station.logbook.run)
         self.supervisor.repeat("logs after landings", self.station.after_landing.update, PERIOD_S)
         if self.scene is not None:

@@ -42,6 +42,7 @@ examples:
                                            a simulated vehicle on other ports
   gcs serve --host 0.0.0.0                 allow access from other machines; prints a link with the token
   gcs key new field; gcs serve --link 'udpin://0.0.0.0:14550?key=field'     MAVLink signing
+  gcs serve --guard udpin://127.0.0.1:14640              a program flies through this server's limits
   gcs replay flight.tlog --speed 2         replay a recording
   gcs sim --help                           only the simulated PX4
   gcs serve --sim px4                      a real PX4 in simulation: PX4's package or container image
@@ -78,6 +79,14 @@ def build_parser() -> argparse.ArgumentParser:
         action="append",
         metavar="URL",
         help="link to open instead of udpin://127.0.0.1:14550; may be given several times",
+    )
+    serve.add_argument(
+        "--guard",
+        dest="guards",
+        action="append",
+        metavar="URL",
+        help="guarded link for a program, to which the server is its vehicle: udpin://127.0.0.1:14640; its "
+        "options guard=ask, vehicle, client, valid_for_s, on_expiry may follow",
     )
     _add_simulation_flags(serve)
     replay = commands.add_parser(

@@ -27,7 +27,7 @@ from gcs_server.storage.token import TOKEN_RULE, is_well_formed, load_or_create_
 
 SETTINGS_SCHEMA_VERSION = 1
 ENVIRONMENT_PREFIX = "GCS_"
-LIST_NAMES = frozenset({"links", "trusted_proxies"})
+LIST_NAMES = frozenset({"links", "guards", "trusted_proxies"})
 SECRET_NAMES = frozenset({"token"})
 
 
@@ -42,6 +42,9 @@ class Settings(BaseModel):
     )
     links: tuple[str, ...] = Field(
         default=("udpin://127.0.0.1:14550",), description="Links to open, as URLs."
+    )
+    guards: tuple[str, ...] = Field(
+        default=(), description="Guarded links of programs to open, as URLs (docs/how-to-guard-a-program.md)."
     )
     sim: int = Field(default=1, ge=0, le=50, description="Number of simulated vehicles to start.")
     px4: bool = Field(

@@ -6,7 +6,6 @@ from dataclasses import asdict
 
 from fastapi import Response
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -15,6 +14,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
 from gcs_server.api.strict_body import ResponseBody, StrictBody
+from gcs_server.control.accepted import authorized_command
 from gcs_server.logbook.after_landing import Choice, LandedLog
 from gcs_server.vehicle.services.logs import LogService
 

@@ -14,12 +14,13 @@ from typing import Annotated, Any, Generic, TypeVar
 from fastapi import Body, Query, Response
 
 from gcs_server.api import control_models, models, responses
-from gcs_server.api.authorized import AcceptedCommand, as_operation, authorized_command, progress_reporter
+from gcs_server.api.authorized import as_operation, progress_reporter
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
+from gcs_server.control.accepted import AcceptedCommand, authorized_command
 from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
 from gcs_server.errors import UnknownVehicle

@@ -6,12 +6,12 @@ from fastapi import Response
 
 from gcs_server.api import control_models as models
 from gcs_server.api import responses
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.authority import ControlStatus, VehicleControl
 from gcs_server.control.principal import Principal
 

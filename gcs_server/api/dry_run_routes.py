@@ -5,7 +5,6 @@ from __future__ import annotations
 from fastapi import Response
 
 from gcs_server.api import dry_run_models as m
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
@@ -13,6 +12,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_bytes, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import API
 from gcs_server.flights.dry_runs import begin_dry_run
 

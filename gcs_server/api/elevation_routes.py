@@ -9,7 +9,6 @@ from fastapi import Path, Response
 from pydantic import Field
 
 from gcs_server.api import plan_models as m
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.map_routes import MAX_ZOOM, REVALIDATE
 from gcs_server.api.map_source_routes import (
     ChosenSource,
@@ -30,6 +29,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
 from gcs_server.api.strict_body import Latitude, Longitude, StrictBody, example
+from gcs_server.control.accepted import authorized_command
 from gcs_server.errors import Refused
 from gcs_server.maps.regions import Region, region_path
 from gcs_server.maps.sources import MapSource

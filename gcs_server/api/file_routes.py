@@ -11,7 +11,6 @@ from fastapi import Response
 from fastapi.responses import FileResponse
 from pydantic import Field
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -20,6 +19,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.api.strict_body import StrictBody
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import BY_NAME
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import ReportProgress

@@ -11,13 +11,13 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 
 from gcs_server.api import flight_models as m
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.joined_views import joined_view, record_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import BY_NAME
 from gcs_server.errors import InvalidRequest, LogUnusable, Refused
 from gcs_server.logbook.library import LogFile

@@ -9,12 +9,13 @@ from typing import Any
 from fastapi import Response
 
 from gcs_server.api import group_models as models
-from gcs_server.api.authorized import AcceptedCommand, as_operation, authorized_command
+from gcs_server.api.authorized import as_operation
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
+from gcs_server.control.accepted import AcceptedCommand, authorized_command
 from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError, InvalidRequest, UnknownVehicle
 from gcs_server.vehicle.tickets import Ticket

@@ -7,7 +7,7 @@ import asyncio
 from fastapi import Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from gcs_server.api.authorized import authorized_command, progress_reporter
+from gcs_server.api.authorized import progress_reporter
 from gcs_server.api.group_models import VehicleId
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES, Problem, problem_of
@@ -15,6 +15,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.api.strict_body import StrictBody, example
+from gcs_server.control.accepted import authorized_command
 from gcs_server.errors import GcsError
 
 MAX_VEHICLES = 1000

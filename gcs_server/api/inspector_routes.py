@@ -7,7 +7,6 @@ from typing import Annotated
 from fastapi import Query, Response
 from pydantic import Field
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
@@ -15,6 +14,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import ResponseBody, StrictBody
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import BY_NAME
 from gcs_server.logbook.expressions import MAX_LENGTH
 from gcs_server.logbook.live import LiveSeries, LiveValues, live_values

@@ -10,7 +10,6 @@ from fastapi import Response
 from fastapi.responses import FileResponse
 from pydantic import Field
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -18,6 +17,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.api.strict_body import ResponseBody, StrictBody
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import BY_NAME
 from gcs_server.errors import InvalidRequest
 from gcs_server.vehicle.services.logs import FlightLog, LogService

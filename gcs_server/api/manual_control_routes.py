@@ -10,7 +10,6 @@ from typing import Annotated, Final, Literal, Protocol
 from fastapi import Response, WebSocket, WebSocketDisconnect
 from pydantic import Field, TypeAdapter, ValidationError
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.json_limits import json_fault
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -19,6 +18,7 @@ from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.api.strict_body import StrictBody
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError
 from gcs_server.mavlink.dialect import MAV_SEVERITY_NOTICE, MAV_SEVERITY_WARNING

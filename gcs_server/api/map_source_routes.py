@@ -9,7 +9,6 @@ from typing import Annotated
 from fastapi import Path, Response
 from pydantic import Field
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.map_routes import MAX_ZOOM, REVALIDATE
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
@@ -18,6 +17,7 @@ from gcs_server.api.responses import json_bytes, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
 from gcs_server.api.strict_body import Latitude, Longitude, ResponseBody, StrictBody, example
+from gcs_server.control.accepted import authorized_command
 from gcs_server.errors import Refused
 from gcs_server.maps.regions import USUAL_TILE_BYTES, Region, region_path, save
 from gcs_server.maps.sources import MapSource, MapSources, check_address

@@ -10,7 +10,7 @@ from msgspec import Raw
 
 from gcs_server.api import mission_models as m
 from gcs_server.api import responses
-from gcs_server.api.authorized import authorized_command, progress_reporter
+from gcs_server.api.authorized import progress_reporter
 from gcs_server.api.command_routes import run_command, run_flight_command
 from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.offboard_mission_models import FlownMissionView
@@ -20,6 +20,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import Refused
 from gcs_server.flights.upload import (

@@ -10,7 +10,7 @@ from typing import Annotated
 from fastapi import Body, Response
 
 from gcs_server.api import offboard_mission_models as m
-from gcs_server.api.authorized import as_operation, authorized_command, progress_reporter
+from gcs_server.api.authorized import as_operation, progress_reporter
 from gcs_server.api.documents import DocumentRoute
 from gcs_server.api.group_routes import authorized_commands, tickets_of
 from gcs_server.api.principals import PrincipalDep
@@ -18,6 +18,7 @@ from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
 from gcs_server.flights.mission_flight import MissionFlight

@@ -7,13 +7,14 @@ from typing import Any
 from fastapi import Response
 
 from gcs_server.api import offboard_models as models
-from gcs_server.api.authorized import as_operation, authorized_command, progress_reporter
+from gcs_server.api.authorized import as_operation, progress_reporter
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.setpoints import SetpointRequest, StartRequest, apply_setpoint
 from gcs_server.api.station import OffboardDep, StationDep
+from gcs_server.control.accepted import authorized_command
 
 router = Routes(prefix="/vehicles/{v}/offboard", tags=["offboard"], responses=RESPONSES)
 

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 from fastapi import Query, Response
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES, Problem, problem_of
 from gcs_server.api.reflect import model_of
@@ -14,6 +13,7 @@ from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.api.strict_body import ResponseBody
+from gcs_server.control.accepted import authorized_command
 from gcs_server.operations.operations import Operation
 
 router = Routes(prefix="/operations", tags=["operations"], responses=RESPONSES)

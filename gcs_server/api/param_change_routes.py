@@ -8,7 +8,6 @@ from fastapi import Response
 from pydantic import Field, model_validator
 
 from gcs_server.api import responses
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.command_routes import plain_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -17,6 +16,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.api.strict_body import ResponseBody, StrictBody, example
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import API
 from gcs_server.errors import Refused
 from gcs_server.operations.operations import ReportProgress

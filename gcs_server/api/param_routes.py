@@ -8,7 +8,6 @@ from typing import Annotated
 from fastapi import Body, Response
 from pydantic import ConfigDict, Field
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
@@ -16,6 +15,7 @@ from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import ResponseBody, StrictBody
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import API
 from gcs_server.errors import Refused
 from gcs_server.operations.operations import ReportProgress

@@ -9,7 +9,6 @@ from fastapi import Body, Query, Request, Response
 from msgspec import Raw
 
 from gcs_server.api import plan_models as m
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.documents import DocumentRoute, PatternBody
 from gcs_server.api.offboard_mission_models import MissionToInsert, MissionWithInserted
 from gcs_server.api.principals import PrincipalDep
@@ -18,6 +17,7 @@ from gcs_server.api.refusals import MAX_BODY_BYTES
 from gcs_server.api.responses import fields_of, json_bytes, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
+from gcs_server.control.accepted import authorized_command
 from gcs_server.errors import InvalidRequest
 from gcs_server.flights.chosen import choose
 from gcs_server.flights.plan_checks import (

@@ -7,7 +7,6 @@ from typing import Annotated
 from fastapi import Response
 from pydantic import Field
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -17,6 +16,7 @@ from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
 from gcs_server.api.strict_body import StrictBody, example
 from gcs_server.api.what_if_models import ParameterName, ParameterNumber
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import API
 from gcs_server.flights.proofs import simulated_values
 from gcs_server.operations.operations import ReportProgress

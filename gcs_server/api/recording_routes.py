@@ -11,12 +11,12 @@ from fastapi import Response
 from starlette.responses import StreamingResponse
 
 from gcs_server.api import models, responses
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep
+from gcs_server.control.accepted import authorized_command
 from gcs_server.errors import RecordingUnusable
 from gcs_server.operations.operations import ReportProgress
 

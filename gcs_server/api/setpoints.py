@@ -14,10 +14,10 @@ from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_va
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.reflect import attribute_docs, describe_properties
 from gcs_server.api.station import Station
 from gcs_server.api.strict_body import StrictBody, example, make_strict
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.principal import Principal
 from gcs_server.streamer.offboard.status import OffboardStatus, expiry_view, setpoint_view
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest

@@ -15,6 +15,7 @@ from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.journal import Journal
 from gcs_server.flights.flights import Flights
+from gcs_server.guard.guards import Guards
 from gcs_server.logbook.after_landing import AfterLanding
 from gcs_server.logbook.downloads import LogDownloads
 from gcs_server.logbook.file_downloads import FileDownloads
@@ -72,6 +73,8 @@ class Station:
     after_landing: AfterLanding = field(init=False)
     file_downloads: FileDownloads = field(init=False)
     log_streams: LogStreams = field(init=False)
+    guards: Guards = field(init=False)
+    """The guarded links of programs."""
     request_queue: RequestQueue = field(init=False)
     large_setpoints: LargeSetpoints = field(init=False)
     has_scene: bool = False

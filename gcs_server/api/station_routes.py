@@ -10,12 +10,12 @@ from typing import Annotated
 from fastapi import Query, Response, WebSocket, WebSocketDisconnect
 
 from gcs_server.api import models, responses
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep, has_identity, principal_of
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import Station, StationDep
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.link_guard import LinkGuard
 from gcs_server.links.names import shown_url
 from gcs_server.telemetry.wire import SCHEMA_VERSION

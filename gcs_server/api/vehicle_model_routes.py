@@ -8,7 +8,6 @@ import msgspec
 from fastapi import Query, Response
 from pydantic import Field
 
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
@@ -17,6 +16,7 @@ from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import ResponseBody, StrictBody, example
 from gcs_server.api.what_if_models import IdentifiedValue
+from gcs_server.control.accepted import authorized_command
 from gcs_server.errors import InvalidRequest
 from gcs_server.flights.vehicle_models import KeptModel
 from gcs_server.logbook.joined_flights import Flight

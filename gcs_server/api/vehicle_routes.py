@@ -8,12 +8,12 @@ from typing import Annotated
 from fastapi import Query, Response
 
 from gcs_server.api import responses
-from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep, VehicleDep
+from gcs_server.control.accepted import authorized_command
 from gcs_server.errors import InvalidRequest
 from gcs_server.vehicle.samples import TOPICS, Sample
 

@@ -78,6 +78,23 @@ class SigningOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class GuardOptions:
+    """Options of a guarded link, on which a program takes this server for its vehicle (`guard/`)."""
+
+    control: str
+    """ask: control is taken if nobody has it, and asked for if somebody has. free: it is only taken if nobody
+    has it. read: the program may not command."""
+    vehicle: str | None = None
+    """Id of the vehicle; None: the only one that is connected."""
+    client: str | None = None
+    """Name of the program as a client; None: from the link's name."""
+    valid_for_s: float = 0.5
+    """Time after which a setpoint of the program has expired if no other follows [s]."""
+    on_expiry: str = "hold"
+    """Action when a setpoint has expired: hold, land, stop_stream."""
+
+
+@dataclass(frozen=True, slots=True)
 class SigningReport:
     """Signing of a link, and its refused frames."""
 
@@ -112,6 +129,8 @@ class LinkInfo:
     """The problem and what to do about it; empty if there is no problem."""
     replay: bool
     forward: bool
+    guard: bool
+    """Whether programs are connected over this link, to which the server is their vehicle."""
     peers: tuple[str, ...]
     bytes_received: int
     bytes_sent: int
@@ -172,6 +191,8 @@ class Link(ABC):
     """The clock of the vehicles on this link. A recording has its own clock; None: the server's clock."""
     signing: SigningOptions | None = None
     """The signing key; None: frames are not signed, and signatures are not checked."""
+    guard: GuardOptions | None = None
+    """Set if programs are connected over the link, to which this server is their vehicle."""
     suppresses_events = False
     """True while received frames only restore a vehicle's state and publish no events."""
 
@@ -197,6 +218,11 @@ class Link(ABC):
         self._on_bytes: OnBytes
         self._on_peer_gone: OnPeerGone
         self._on_change: OnChange
+
+    @property
+    def leads_to_vehicles(self) -> bool:
+        """Whether vehicles are at the other end, and not another ground station or a program."""
+        return not self.forward and self.guard is None
 
     def start(self, on_bytes: OnBytes, on_peer_gone: OnPeerGone, on_change: OnChange) -> None:
         """Starts the link. Temporary problems (a port in use, a missing device) raise no error: see
@@ -259,6 +285,7 @@ class Link(ABC):
             detail=self._detail,
             replay=self.replay,
             forward=self.forward,
+            guard=self.guard is not None,
             peers=tuple(self._peers),
             bytes_received=self._bytes_received,
             bytes_sent=counts.bytes_sent,

@@ -8,6 +8,9 @@
     tlog:///path/to/flight.tlog?speed=1    speed=0: as fast as possible
     ros2://0/px4_1                     a DDS domain (docs/links.md)
 
+With `guard=ask` (or `free`, `read`) programs are connected over the link, to which this server is their
+vehicle (docs/how-to-guard-a-program.md); its options are `vehicle`, `client`, `valid_for_s` and `on_expiry`.
+
 With `forward=1`, on any link except a recording, the link leads to another ground station: messages are
 forwarded between that station and the vehicles. With `key=NAME`, on any link except a recording, sent frames
 are signed and received frames are checked with that key (docs/links.md). `signing=required` (the default)
@@ -23,15 +26,21 @@ from pathlib import Path
 from urllib.parse import SplitResult, parse_qs, unquote, urlsplit
 
 from gcs_server.errors import InvalidRequest
-from gcs_server.links.base import Link, SigningOptions
+from gcs_server.links.base import GuardOptions, Link, SigningOptions
 from gcs_server.links.names import checked_host, checked_key_name, checked_name, checked_path, derived_name
 from gcs_server.links.serial import DEFAULT_BAUD, SerialLink
 from gcs_server.links.tcp import TcpLink, TcpServerLink
 from gcs_server.links.udp import UdpLink
 
 LOOPBACK = "127.0.0.1"
-LIVE_OPTIONS = frozenset({"forward", "key", "signing"})
+GUARD_OPTIONS = frozenset({"guard", "vehicle", "client", "valid_for_s", "on_expiry"})
+LIVE_OPTIONS = frozenset({"forward", "key", "signing"}) | GUARD_OPTIONS
 """Options of all links except recordings."""
+GUARD_CONTROL = ("ask", "free", "read")
+GUARD_ACTIONS = ("hold", "land", "stop_stream")
+MAX_NAME_LENGTH = 32
+MIN_VALID_S, MAX_VALID_S = 0.1, 10.0
+"""Limits of `valid_for_s` of a guarded link [s]."""
 KINDS = ("udpin", "udpout", "tcp", "tcpin", "serial")
 LinkMaker = Callable[[str, str | None, SplitResult, dict[str, str]], Link]
 """(URL, name of the link, parts of the URL, options of the URL) → link. Raises the errors of `make_link`."""
@@ -59,6 +68,7 @@ def make_link(
         checked_key_name(unquote(key_name))
     link = _link(url, name, other_kinds)
     link.signing = _signing(url)
+    link.guard = _guard(url, link)
     return link
 
 
@@ -128,6 +138,46 @@ def _signing(url: str) -> SigningOptions | None:
             )
         return None
     return SigningOptions(checked_key_name(options["key"]), mode == "required")
+
+
+def _guard(url: str, link: Link) -> GuardOptions | None:
+    options = _options(urlsplit(url).query)
+    given = sorted(GUARD_OPTIONS & options.keys())
+    if "guard" not in options:
+        if given:
+            raise InvalidRequest(
+                "url", f"{url!r}: {given[0]} is an option of guarded links.", remedy="Add guard=ask."
+            )
+        return None
+    if link.forward or link.replay or link.protocol != "MAVLink":
+        raise InvalidRequest(
+            "url",
+            f"{url!r}: a guarded link is a MAVLink link to programs; it neither forwards nor replays.",
+            remedy="Example: udpin://127.0.0.1:14540?guard=ask.",
+        )
+    control, action = options["guard"], options.get("on_expiry", "hold")
+    for name, value, allowed in (("guard", control, GUARD_CONTROL), ("on_expiry", action, GUARD_ACTIONS)):
+        if value not in allowed:
+            raise InvalidRequest(
+                "url", f"{url!r}: {name} must be one of {', '.join(allowed)}, not {value!r}."
+            )
+    valid_for_s = parsed_number(url, "valid_for_s", options.get("valid_for_s", "0.5"))
+    if not MIN_VALID_S <= valid_for_s <= MAX_VALID_S:
+        raise InvalidRequest(
+            "url", f"{url!r}: valid_for_s must be from {MIN_VALID_S:g} to {MAX_VALID_S:g} seconds."
+        )
+    vehicle, client = options.get("vehicle"), options.get("client")
+    for name, text in (("vehicle", vehicle), ("client", client)):
+        if text is not None and not (0 < len(text) <= MAX_NAME_LENGTH and text.isprintable()):
+            raise InvalidRequest("url", f"{url!r}: {name} must have 1 to {MAX_NAME_LENGTH} characters.")
+    return GuardOptions(control, vehicle, client, valid_for_s, action)
+
+
+def guarded(url: str) -> str:
+    """The URL of a guarded link; `guard=ask` unless the URL says otherwise."""
+    if "guard" in _options(urlsplit(url).query):
+        return url
+    return f"{url}{'&' if '?' in url else '?'}guard={GUARD_CONTROL[0]}"
 
 
 def _parse_flag(url: str, text: str) -> bool:

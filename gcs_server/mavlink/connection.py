@@ -92,17 +92,24 @@ class FrameSender:
 
     def forward(self, frame: Frame, peer: Peer) -> bool:
         """Forwards a frame unchanged; this server neither numbers nor signs it."""
-        urgency = classify_forwarded(frame)
-        packet = Packet(
-            peer,
-            len(frame.raw),
-            lambda: frame.raw,
-            self._record,
-            urgency.priority,
-            self._link.now_s() + urgency.lifetime_s,
-            urgency.key,
+        return self._relay(frame, peer, lambda: frame.raw, self._record)
+
+    def relay(self, frame: Frame, payload: bytes, peer: Peer) -> bool:
+        """Sends the message of a frame with a payload that may differ, numbered and signed for this peer."""
+        msg_id = frame.msg_id
+        return self._relay(
+            frame, peer, lambda: self._finish(msg_id, payload, peer), lambda raw: self._on_sent(raw, peer)
         )
-        return self._link.submit(packet)
+
+    def _relay(
+        self, frame: Frame, peer: Peer, finish: Callable[[], bytes], on_sent: Callable[[bytes], None]
+    ) -> bool:
+        urgency = classify_forwarded(frame)
+        expires_s = self._link.now_s() + urgency.lifetime_s
+        size = len(frame.raw) + SIGNATURE
+        return self._link.submit(
+            Packet(peer, size, finish, on_sent, urgency.priority, expires_s, urgency.key)
+        )
 
     def forget(self, peer: Peer) -> None:
         """Called when a peer is lost; the sequence numbers for it restart."""
@@ -156,8 +163,8 @@ class Connection:
         """Arrival time of the newest bytes: monotonic [s], and encoded for the recording."""
         self._former = ParserCounts(0, 0, 0, 0, 0)
         """Sum of the counts of former peers."""
-        signer = None if signing is None else signing.signer
-        self.sender = FrameSender(link, system_id, component_id, self._record, signer)
+        self._senders: dict[tuple[int, int], FrameSender] = {}
+        self.sender = self.sender_as(system_id, component_id)
 
     @property
     def name(self) -> str:
@@ -178,6 +185,15 @@ class Connection:
         await self.link.close()
         if self._recording is not None:
             self._recording.closing = True
+
+    def sender_as(self, system_id: int, component_id: int) -> FrameSender:
+        """Sends frames with these ids, which have sequence numbers of their own."""
+        sender = self._senders.get((system_id, component_id))
+        if sender is None:
+            signer = None if self.signing is None else self.signing.signer
+            sender = FrameSender(self.link, system_id, component_id, self._record, signer)
+            self._senders[system_id, component_id] = sender
+        return sender
 
     def forward(self, frame: Frame, peer: Peer) -> None:
         """Forwards a frame unchanged."""
@@ -253,7 +269,8 @@ class Connection:
         parser = self._parsers.pop(peer.name, None)
         if parser is not None:
             self._former = self._former.plus(_counts_of(parser))
-        self.sender.forget(peer)
+        for sender in self._senders.values():
+            sender.forget(peer)
         self._on_peer_gone(self, peer)
 
     def _record(self, raw: bytes) -> None:

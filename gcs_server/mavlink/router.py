@@ -107,10 +107,10 @@ class RouterSettings:
 
 
 class FrameSink:
-    """Receiver of the frames. The fleet replaces this default, which does nothing."""
+    """Receiver of frames. This default, which does nothing, is replaced by the fleet and by the guards."""
 
     def on_frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
-        """Handles a frame from a vehicle (not from a forwarding link)."""
+        """Handles a frame from a vehicle or a program (not from a forwarding link)."""
 
     def on_peer_gone(self, connection: Connection, peer: Peer) -> None:
         """Handles the loss of a peer or of its link."""
@@ -134,6 +134,9 @@ class Router:
         self._other_kinds = other_kinds
         self._own_system_id = settings.system_id
         self.sink = FrameSink()
+        """Receives the frames of vehicles."""
+        self.programs = FrameSink()
+        """Receives the frames of programs on guarded links."""
         self._clock = clock
         self._supervisor = supervisor
         self._connections: dict[str, Connection] = {}
@@ -304,7 +307,7 @@ class Router:
     def _refuse_loop(self, link: Link) -> None:
         by_address = {c.link.url.split("?")[0].split("://")[-1]: c.link for c in self._connections.values()}
         other = by_address.get(link.url.split("?")[0].split("://")[-1])
-        if other is not None and other.forward != link.forward:
+        if other is not None and other.leads_to_vehicles != link.leads_to_vehicles:
             raise InvalidRequest(
                 "url",
                 f"{link.url!r} would send the vehicles' messages back to this server's own link "
@@ -314,6 +317,9 @@ class Router:
 
     def _frame(self, frame: Frame, connection: Connection, peer: Peer) -> None:
         link = connection.link
+        if link.guard is not None:
+            self.programs.on_frame(frame, connection, peer)
+            return
         if frame.system_id == self._own_system_id and not link.replay and not link.forward:
             return  # an echo of this server's own frame, or another station with the same id
         if self._forwarder.stations:
@@ -322,10 +328,13 @@ class Router:
             self.sink.on_frame(frame, connection, peer)
 
     def _new_peer(self, connection: Connection, peer: Peer) -> None:
-        if not connection.link.replay and not connection.link.forward:
+        if not connection.link.replay and connection.link.leads_to_vehicles:
             connection.sender.send(dialect.MAVLINK_MSG_ID_HEARTBEAT, self._heartbeat, peer)
 
     def _peer_gone(self, connection: Connection, peer: Peer) -> None:
+        if connection.link.guard is not None:
+            self.programs.on_peer_gone(connection, peer)
+            return
         self._forwarder.peer_gone(connection, peer)
         self.sink.on_peer_gone(connection, peer)
 
@@ -347,7 +356,7 @@ class Router:
         next_s = self._clock.monotonic_s()
         while True:
             for connection in tuple(self._connections.values()):
-                if connection.link.replay or connection.link.forward:
+                if connection.link.replay or not connection.link.leads_to_vehicles:
                     continue
                 try:  # a fault of one link must not stop heartbeats on the other links
                     for peer in connection.mavlink_peers():

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import msgspec
 
+from gcs_server.plain import encoder
 from gcs_server.vehicle.events import Event
 
 SCHEMA_VERSION = 1
@@ -13,9 +12,6 @@ MAX_REQUEST_LENGTH = 65_536
 MAX_NAMES = 256
 """Maximum number of vehicles, and of topics, in one subscription."""
 MAX_ERROR_LENGTH = 500
-
-# msgspec writes NaN and infinity as null, and supports dataclasses and tuples.
-_encoder = msgspec.json.Encoder(enc_hook=lambda value: str(value))
 
 
 class WireSample(msgspec.Struct, frozen=True):
@@ -41,12 +37,7 @@ _subscribe = msgspec.json.Decoder(Subscribe)
 
 def encode(value: object) -> bytes:
     """Encodes a dataclass, mapping or sequence as JSON."""
-    return _encoder.encode(value)
-
-
-def plain(value: object) -> Any:
-    """The value as dicts and lists for another encoder, with None instead of NaN."""
-    return msgspec.json.decode(_encoder.encode(value))
+    return encoder.encode(value)
 
 
 def hello(unix_s: float) -> str:

@@ -71,8 +71,9 @@ class Vehicle:
         "_handled_ids", "_handlers", "_identity", "_known_links", "_lost", "_services", "_state",
         "_supervisor",
         "clock", "command", "components", "control", "events", "ftp", "gimbal", "gimbals", "guided",
-        "health", "id", "inspect", "isolation", "listeners", "mailbox", "metadata", "mission", "mode_list",
-        "mode_names", "offboard", "offboard_mission", "own_ids", "params", "tickets", "waypoint_flight",
+        "health", "id", "isolation", "listeners", "mailbox", "metadata", "mission", "mode_list",
+        "mode_names", "offboard", "offboard_mission", "own_ids", "params", "taps", "tickets",
+        "waypoint_flight",
     )  # fmt: skip
 
     def __init__(
@@ -89,8 +90,8 @@ class Vehicle:
         self.isolation = Isolation(clock, log, f"Vehicle {vehicle_id}")
         """Runs code that may fail because of this vehicle's data: a topic, a snapshot, a view."""
         self.mailbox = Mailbox(decode)
-        self.inspect: Callable[[Frame, Endpoint], None] | None = None
-        """Called with each message before it is handled; None: nobody looks."""
+        self.taps: tuple[Callable[[Frame, Endpoint], None], ...] = ()
+        """Called with each message before it is handled; usually empty."""
         self.listeners: set[Callable[[], None]] = set()
         """Called after each message, before other tasks run; usually empty."""
         self.events = EventFeed(vehicle_id)
@@ -312,9 +313,20 @@ class Vehicle:
         return self.send_payload(message.get_msgId(), encode_payload(message), until_s=until_s)
 
     def send_payload(
-        self, msg_id: int, payload: bytes, *, created_s: float | None = None, until_s: float | None = None
+        self,
+        msg_id: int,
+        payload: bytes,
+        *,
+        created_s: float | None = None,
+        until_s: float | None = None,
+        component_id: int | None = None,
     ) -> bool:
-        """Like `send`, for an encoded payload that was created at `created_s` [s, monotonic]; None: now."""
+        """Like `send`, for an encoded payload.
+
+        Args:
+            created_s: when the payload was created [s, monotonic]; None: now.
+            component_id: component of this server that sends; None: the server's own.
+        """
         if self._identity.replayed:
             return False
         endpoint = self._choose_endpoint(preferred_endpoints(self._endpoints, MAVLINK))
@@ -323,8 +335,12 @@ class Vehicle:
         other_endpoints = sorted(
             (e for e in self._endpoints if e is not endpoint), key=lambda e: -e.received_s
         )
+        system, own = self.own_ids
+        component = own if component_id is None else component_id
         return any(
-            e.connection.sender.send(msg_id, payload, e.peer, created_s=created_s, until_s=until_s)
+            e.connection.sender_as(system, component).send(
+                msg_id, payload, e.peer, created_s=created_s, until_s=until_s
+            )
             for e in (endpoint, *other_endpoints)
         )
 
@@ -359,8 +375,8 @@ class Vehicle:
     def receive(self, frame: Frame, endpoint: Endpoint) -> None:
         """Handles a frame of this vehicle from one of its endpoints."""
         msg_id = frame.msg_id
-        if self.inspect is not None and not endpoint.over_ros2:
-            self.inspect(frame, endpoint)
+        for tap in self.taps:
+            tap(frame, endpoint)
         if endpoint.over_ros2 and msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK:
             within_s = ESTIMATES_WITHIN_S if msg_id in ESTIMATE_IDS else None
             if endpoint not in preferred_endpoints(self._endpoints, MAVLINK, within_s):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
 from typing import TypeVar
 
 from mavsdk import System
 
-from tests.station import free_port, running_process, wait_until
+from gcs_server.client import SyncGcs
+from tests.station import free_port, running_process, running_server, wait_until
 
 SPEED_FACTOR = 3
 """Speed of the simulation as a multiple of real time; MAVSDK's timeouts use the real clock."""
@@ -21,22 +22,34 @@ time."""
 T = TypeVar("T")
 
 
-@asynccontextmanager
-async def connected_drone(*, arguments: Sequence[str] = ()) -> AsyncIterator[System]:
-    """Starts a vehicle that can be armed, in a separate process, and connects MAVSDK to its TCP port."""
-    port = free_port(socket.SOCK_STREAM)
+@contextmanager
+def vehicle_at(port: int, *, arguments: Sequence[str] = (), guarded: bool = False) -> Iterator[None]:
+    """Runs a vehicle that can be armed, in a separate process, with a TCP port for a program.
+
+    Args:
+        port: the TCP port.
+        arguments: further arguments of the simulator.
+        guarded: whether the port is a guarded link of a server to which the vehicle is connected.
+    """
+    gcs_port, tcp_port = free_port(), 0 if guarded else port
     command = [sys.executable, "-m", "vehicle_sim", "--no-api", "--gcs-local-port", "0"]
-    command += [
-        "--gcs-remote-port",
-        str(free_port()),
-        "--tcp-port",
-        str(port),
-        "--speed",
-        str(SPEED_FACTOR),
-        *arguments,
-    ]
-    with running_process(command):
-        await asyncio.to_thread(wait_until, lambda: _listens(port), "the simulator's start")
+    command += ["--gcs-remote-port", str(gcs_port), "--speed", str(SPEED_FACTOR), "--tcp-port", str(tcp_port)]
+    with ExitStack() as stack:
+        stack.enter_context(running_process([*command, *arguments]))
+        if guarded:
+            guard = f"tcpin://127.0.0.1:{port}?guard=free"
+            url, _ = stack.enter_context(running_server([f"udpin://127.0.0.1:{gcs_port}", guard]))
+            gcs = stack.enter_context(SyncGcs(url, client="observer"))
+            gcs.wait_for_vehicle("1", ready=True)
+        wait_until(lambda: _listens(port), "the simulator's start")
+        yield
+
+
+@asynccontextmanager
+async def connected_drone(*, arguments: Sequence[str] = (), guarded: bool = False) -> AsyncIterator[System]:
+    """Starts a vehicle, and connects MAVSDK to its TCP port; the arguments are those of `vehicle_at`."""
+    port = free_port(socket.SOCK_STREAM)
+    with vehicle_at(port, arguments=arguments, guarded=guarded):
         drone = System(port=free_port(socket.SOCK_STREAM))
         try:
             await asyncio.wait(

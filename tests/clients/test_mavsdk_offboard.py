@@ -25,12 +25,13 @@ from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, land, take_of
 pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 
 
-def test_every_kind_of_setpoint_is_flown() -> None:
-    asyncio.run(_fly())
+@pytest.mark.parametrize("guarded", [False, True], ids=["direct", "guarded"])
+def test_every_kind_of_setpoint_is_flown(guarded: bool) -> None:
+    asyncio.run(_fly(guarded))
 
 
-async def _fly() -> None:
-    async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
+async def _fly(guarded: bool) -> None:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone(guarded=guarded) as drone:
         with pytest.raises(OffboardError) as refused:
             await drone.offboard.start()
         assert refused.value._result.result is OffboardResult.Result.NO_SETPOINT_SET

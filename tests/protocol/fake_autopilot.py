@@ -66,6 +66,8 @@ class FakeAutopilot:
             "MC_ORBIT_RAD_MAX": (REAL32, 1000.0),
             "NAV_DLL_ACT": (INT32, 2),
         }
+        self.commanding = (255, 190)
+        """Sender of the newest command, to which acknowledgements are addressed."""
         self.gimbal_control = (0, 0)
         """System and component in control of the gimbal."""
         self.has_gimbal = True
@@ -203,7 +205,7 @@ class FakeAutopilot:
 
     # --- behaviour
     def send_ack(self, command: int, result: int, progress: int = 0) -> None:
-        self.send(sim.MAVLink_command_ack_message(command, result, progress, 0, 255, 190))
+        self.send(sim.MAVLink_command_ack_message(command, result, progress, 0, *self.commanding))
 
     def handle(self, message: Any) -> None:
         self.received_messages.append(message)
@@ -217,7 +219,10 @@ class FakeAutopilot:
         elif kind == "PARAM_SET" and message.param_id in self.params:
             self.params[message.param_id] = (message.param_type, self.decoded_value(message))
             self.send_param_value(message.param_id)
-        elif kind == "GIMBAL_MANAGER_SET_ATTITUDE" and self.gimbal_control == (255, 190):
+        elif kind == "GIMBAL_MANAGER_SET_ATTITUDE" and self.gimbal_control == (
+            message.get_srcSystem(),
+            message.get_srcComponent(),
+        ):
             self.gimbal_q = list(message.q)
 
     def decoded_value(self, message: Any) -> float:
@@ -234,6 +239,7 @@ class FakeAutopilot:
         self.send_raw(encode_frame(sim.MAVLINK_MSG_ID_PARAM_VALUE, payload, self.mav.seq, self.system, 1))
 
     def handle_command(self, message: Any) -> None:
+        self.commanding = (message.get_srcSystem(), message.get_srcComponent())
         params = [message.param1, message.param2, message.param3, message.param4]
         position = (
             (message.x / 1e7, message.y / 1e7, message.z)

@@ -79,11 +79,11 @@ def test_loss_is_counted_and_the_rate_of_what_stops_falls(run_simulated):
 
 def test_nothing_is_counted_while_nobody_looks(run_simulated):
     async def scenario(vehicle, inspector, autopilot):
-        assert vehicle.inspect is None
+        assert vehicle.taps == ()
         inspector.received()
-        assert vehicle.inspect is not None
+        assert vehicle.taps
         await asyncio.sleep(IDLE_S + 5)
-        assert vehicle.inspect is None
+        assert vehicle.taps == ()
         assert inspector.received().messages == ()
 
     run_with_inspector(run_simulated, scenario)
@@ -210,7 +210,8 @@ def test_values_that_were_not_kept_are_a_gap(run_simulated, monkeypatch):
 
 def test_instances_of_a_message_are_apart(run_simulated):
     batteries = [f"BATTERY_STATUS:1.77{instance}/battery_remaining" for instance in (".0", ".1", "")]
-    endpoint = SimpleNamespace(connection=SimpleNamespace(name="a"), peer=SimpleNamespace(name="b"))
+    link = {"connection": SimpleNamespace(name="a"), "peer": SimpleNamespace(name="b")}
+    endpoint = SimpleNamespace(over_ros2=False, **link)
 
     async def scenario(vehicle, inspector, autopilot):
         live(inspector, *batteries)

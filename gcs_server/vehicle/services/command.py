@@ -111,6 +111,11 @@ class CommandService:
         self._running_commands: list[int] = []
         """MAV_CMD of each running request."""
 
+    @property
+    def newest_command(self) -> ModeCommand | None:
+        """This server's newest command that changes the mode; None: there was none."""
+        return self._newest_command
+
     def recent_command(self, mode: str) -> ModeCommand | None:
         """This server's command that may have caused this mode; None: no recent command."""
         newest = self._newest_command

@@ -199,6 +199,8 @@ class MessageInspector:
 
     def take(self, frame: Frame, endpoint: Endpoint) -> None:
         """Counts a frame; called only while somebody looks."""
+        if endpoint.over_ros2:
+            return
         now_s = frame.received_monotonic_s
         key = (frame.component_id, frame.msg_id)
         kind = self._kinds.get(key)
@@ -231,7 +233,7 @@ class MessageInspector:
         now_s = self._looked_s = self._vehicle.clock.monotonic_s()
         if self._since_s is None:
             self._since_s = now_s
-            self._vehicle.inspect = self.take
+            self._vehicle.taps += (self.take,)
             self._vehicle.in_background("inspector", self._until_idle())
         return now_s
 
@@ -241,7 +243,7 @@ class MessageInspector:
             while clock.monotonic_s() - self._looked_s < IDLE_S:
                 await clock.sleep(CHECK_S)
         finally:
-            self._vehicle.inspect = None
+            self._vehicle.taps = tuple(tap for tap in self._vehicle.taps if tap != self.take)
             self._since_s = None
             self._left_out = 0
             for table in (self._kinds, self._senders, self._followed):

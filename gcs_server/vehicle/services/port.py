@@ -72,8 +72,8 @@ class VehiclePort(Protocol):
     @property
     def ftp(self) -> Files: ...
 
-    inspect: Callable[[Frame, Endpoint], None] | None
-    """Called with each message of the vehicle before it is handled; None: nobody looks."""
+    taps: tuple[Callable[[Frame, Endpoint], None], ...]
+    """Called with each message of the vehicle before it is handled."""
     own_ids: tuple[int, int]
     """This server's (system id, component id), to which acknowledgements must be addressed."""
 

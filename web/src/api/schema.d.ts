@@ -1740,6 +1740,69 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/guards": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * List Guards
+         * @description The guarded links and their programs: what each is, what it sends, and what was limited or refused, and
+         *     why. A guarded link is opened with `POST /links` (`guard=ask` in its URL), and closed with `DELETE
+         *     /links/{name}`; then the setpoints of its program expire.
+         */
+        readonly get: operations["list_guards_api_v1_guards_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/guards/table": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * Show Table
+         * @description What becomes of each message and command of a program: passed, checked or refused.
+         */
+        readonly get: operations["show_table_api_v1_guards_table_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/guards/{name}/resume": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Resume
+         * @description Lets a program command again after another client, the pilot or another station has commanded its
+         *     vehicle. Nothing is sent to the vehicle.
+         */
+        readonly post: operations["resume_api_v1_guards__name__resume_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/hold": {
         readonly parameters: {
             readonly query?: never;
@@ -9279,6 +9342,127 @@ export interface components {
             };
         };
         /**
+         * Guard
+         * @description A guarded link with its programs.
+         */
+        readonly Guard: {
+            /**
+             * Name
+             * @description Name of the link.
+             */
+            readonly name: string;
+            /**
+             * Url
+             * @description URL of the link.
+             */
+            readonly url: string;
+            /**
+             * Vehicle
+             * @description Id of the vehicle; null: none yet, see `problem`.
+             */
+            readonly vehicle: string | null;
+            /**
+             * Control
+             * @description ask: control is taken if nobody has it, and asked for if somebody has. free: it is only taken if nobody
+             *     has it. read: the programs may not command.
+             */
+            readonly control: string;
+            /**
+             * Client
+             * @description Name of the programs as a client, which has control and stands in the journal.
+             */
+            readonly client: string;
+            /**
+             * Client Key
+             * @description Key of this client.
+             */
+            readonly client_key: string;
+            /**
+             * Valid For S
+             * @description Time after which a setpoint has expired if no other follows [s].
+             */
+            readonly valid_for_s: number;
+            /**
+             * On Expiry
+             * @description Action when a setpoint has expired: hold, land, stop_stream.
+             */
+            readonly on_expiry: string;
+            /**
+             * Problem
+             * @description Why programs cannot fly now; null: they can.
+             */
+            readonly problem: string | null;
+            /**
+             * Paused
+             * @description Who has overruled the program, so that its commands are refused until a person lets it continue or the
+             *     vehicle is disarmed; null: nobody.
+             */
+            readonly paused: string | null;
+            /**
+             * Flying
+             * @description Whether its setpoints are flown.
+             */
+            readonly flying: boolean;
+            /**
+             * Programs
+             * @description The programs, the one that commands first.
+             */
+            readonly programs: readonly components["schemas"]["Program"][];
+        };
+        /**
+         * GuardList
+         * @description All guarded links.
+         */
+        readonly GuardList: {
+            /**
+             * Guards
+             * @description The guarded links.
+             */
+            readonly guards: readonly components["schemas"]["Guard"][];
+        };
+        /**
+         * GuardRule
+         * @description What becomes of one message or command of a program.
+         */
+        readonly GuardRule: {
+            /**
+             * Name
+             * @description The message, or the MAV_CMD.
+             */
+            readonly name: string;
+            /**
+             * Way
+             * @description read: passed. command: needs control as `row` says, passed and journaled. input: the same, with one line of the journal for many. part: of a command that was admitted. setpoint: becomes a setpoint of the server's stream. kept: used by the guard. refused: neither.
+             */
+            readonly way: string;
+            /**
+             * Row
+             * @description Command of docs/authority.md whose requirements apply.
+             */
+            readonly row: string | null;
+            /**
+             * Why
+             * @description Why it is kept or refused, or what of it.
+             */
+            readonly why: string | null;
+        };
+        /**
+         * GuardTable
+         * @description What becomes of each message and command of a program.
+         */
+        readonly GuardTable: {
+            /**
+             * Messages
+             * @description Messages; others are not passed.
+             */
+            readonly messages: readonly components["schemas"]["GuardRule"][];
+            /**
+             * Commands
+             * @description Commands in COMMAND_LONG and COMMAND_INT; others need control and are passed.
+             */
+            readonly commands: readonly components["schemas"]["GuardRule"][];
+        };
+        /**
          * HeadingRequest
          * @description The heading.
          * @example {
@@ -10538,6 +10722,11 @@ export interface components {
              * @description Forward.
              */
             readonly forward: boolean;
+            /**
+             * Guard
+             * @description Whether programs are connected over this link, to which the server is their vehicle.
+             */
+            readonly guard: boolean;
             /**
              * Peers
              * @description Peers.
@@ -15144,6 +15333,113 @@ export interface components {
              * @description With 504: how long the server waited [s].
              */
             readonly deadline_s?: number | null;
+        };
+        /**
+         * Program
+         * @description A program on a guarded link.
+         */
+        readonly Program: {
+            /**
+             * Address
+             * @description Where it sends from.
+             */
+            readonly address: string;
+            /**
+             * System
+             * @description Its MAVLink system id; null: it has sent nothing yet.
+             */
+            readonly system: number | null;
+            /**
+             * Component
+             * @description Its component id; null: it has sent nothing yet.
+             */
+            readonly component: number | null;
+            /**
+             * Kind
+             * @description What it says it is: the type in its heartbeat; null: no heartbeat yet.
+             */
+            readonly kind: string | null;
+            /**
+             * Age S
+             * @description Time since its newest message [s]; null: it has sent nothing yet.
+             */
+            readonly age_s: number | null;
+            /**
+             * Messages
+             * @description Messages that it has sent.
+             */
+            readonly messages: number;
+            /**
+             * Commanding
+             * @description Whether its commands and setpoints count; of several programs on a link those of one do.
+             */
+            readonly commanding: boolean;
+            /**
+             * Setpoint
+             * @description Kind of its newest setpoint; null: it has sent none.
+             */
+            readonly setpoint: string | null;
+            /**
+             * Setpoints
+             * @description Setpoints that it has sent.
+             */
+            readonly setpoints: number;
+            /**
+             * Setpoint Rate Hz
+             * @description Setpoints per second now [Hz]; null: fewer than two.
+             */
+            readonly setpoint_rate_hz: number | null;
+            /**
+             * Setpoints Late
+             * @description Setpoints that came more than 0.5 s after the one before.
+             */
+            readonly setpoints_late: number;
+            /**
+             * Setpoints Refused
+             * @description Setpoints that were not flown.
+             */
+            readonly setpoints_refused: number;
+            /**
+             * Limited
+             * @description What of its setpoint is reduced now, and by which limit.
+             */
+            readonly limited: readonly string[];
+            /**
+             * Left Out
+             * @description Fields of its newest setpoint that are not sent.
+             */
+            readonly left_out: readonly string[];
+            /**
+             * Refusals
+             * @description What it was refused, newest first.
+             */
+            readonly refusals: readonly components["schemas"]["ProgramRefusal"][];
+        };
+        /**
+         * ProgramRefusal
+         * @description Something that a program sent and that was not done.
+         */
+        readonly ProgramRefusal: {
+            /**
+             * Unix S
+             * @description When [s since 1970 UTC].
+             */
+            readonly unix_s: number;
+            /**
+             * What
+             * @description Name of the message or command.
+             */
+            readonly what: string;
+            /**
+             * Text
+             * @description Why, and what would be accepted.
+             */
+            readonly text: string;
+            /**
+             * Repeated
+             * @description How often in a row.
+             */
+            readonly repeated: number;
         };
         /**
          * Proof
@@ -26095,6 +26391,179 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["Group"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly list_guards_api_v1_guards_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["GuardList"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly show_table_api_v1_guards_table_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["GuardTable"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly resume_api_v1_guards__name__resume_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly name: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Guard"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];
