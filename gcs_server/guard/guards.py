@@ -61,7 +61,7 @@ class Guards(FrameSink):
         notices: list[Notice] = []
         for name, guard in self._guards.items():
             if guard.paused is not None:
-                text = f"{guard.paused} The program of {guard.client} waits until it may continue."
+                text = f"{guard.paused} {guard.client} waits until it may continue."
                 vehicle = None if guard.vehicle is None else guard.vehicle.id
                 notices.append(Notice("guard", text, link=name, vehicle=vehicle))
             elif guard.vehicle is None and (problem := guard.problem()) is not None:

@@ -55,6 +55,7 @@ const { holdByStick } = await import('./sticks/controllers');
 const { replay } = await import('./replay/controllers');
 const { library: flights, vehicleLogs, afterLanding } = await import('./flights/controllers');
 const { linkList } = await import('./status/controllers');
+const { continueCommand } = await import('./programs/programs.svelte');
 
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
 provide('gimbal', gimbalControl);
@@ -338,6 +339,10 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
       },
     ]),
   ),
+  'let a program continue': {
+    vehicles: [],
+    click: (facts) => actions.requestCommand(continueCommand(page.api, facts, { name: 'guard', client: 'Program' } as never), 'programs'),
+  },
   'select a flight mode': {
     click: (facts) =>
       actions.requestCommand(

@@ -46,7 +46,7 @@ class Links {
   }
 
   private measureLoss(): void {
-    const vehicleLinks = this.list.filter((l) => !l.forward);
+    const vehicleLinks = this.list.filter((l) => !l.forward && !l.guard);
     const count = { received: vehicleLinks.reduce((sum, l) => sum + l.frames_received, 0), lost: vehicleLinks.reduce((sum, l) => sum + l.frames_lost, 0) };
     const previousCount = this.packetCounts.at(-1);
     // After a restart of the server, or when a link is closed, the counters decrease.
@@ -132,7 +132,7 @@ export function linkDetails(
   lost_percent: number | null = null,
 ): { details: [string, string][]; text: string | null } {
   const details = links.flatMap((link) => linkLines(link, links.length > 1));
-  const openCount = links.filter((l) => l.state === 'open' && !l.forward).length;
+  const openCount = links.filter((l) => l.state === 'open' && !l.forward && !l.guard).length;
   const rate = rate_bytes_s === null ? null : `${fixed(rate_bytes_s / 1000, 1)} kB/s`;
   const text =
     openCount === 0

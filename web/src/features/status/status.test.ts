@@ -85,6 +85,7 @@ it('the indicators show the state of the recordings and the counters of the link
     detail: '',
     replay: false,
     forward: false,
+    guard: false,
     peers: [],
     bytes_received: 5,
     bytes_sent: 0,

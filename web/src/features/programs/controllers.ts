@@ -1,0 +1,5 @@
+/** The page's only `Programs` instance. */
+
+import { Programs } from './programs.svelte';
+
+export const programs = new Programs();
