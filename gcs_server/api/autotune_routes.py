@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import Body, Response
 from pydantic import Field
 
-from gcs_server.api.authorized import as_operation, authorized_command
+from gcs_server.api.authorized import as_operation
 from gcs_server.api.command_routes import command_options, run_flight_command
 from gcs_server.api.models import Despite
 from gcs_server.api.operation_routes import OperationModel, operation_view
@@ -18,6 +18,7 @@ from gcs_server.api.responses import CommandDone, fields_of, json_response
 from gcs_server.api.routes import Routes
 from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import StrictBody, example
+from gcs_server.control.accepted import authorized_command
 from gcs_server.control.commands import API
 from gcs_server.vehicle.services.autotune import AutotuneService, AutotuneState
 from gcs_server.vehicle.tickets import Ticket
