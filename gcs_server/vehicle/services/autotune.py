@@ -69,6 +69,8 @@ class AutotuneState:
     """Whether it runs; null: the vehicle has no MC_AT_START (PX4 from v1.18 on), or did not answer."""
     problem: str | None
     """Why it cannot start now; null: it can."""
+    remedy: str | None
+    """What to do about it."""
 
 
 @dataclass(slots=True)
@@ -108,8 +110,8 @@ class AutotuneService:
         enabled, apply, start = [await self._read(name) for name in (ENABLED, APPLY, START)]
         running = True if self._run is not None else None if start is None else start != 0
         refusal = self._refusal(enabled, apply, running is True)
-        problem = None if refusal is None else f"{refusal} {refusal.remedy}"
-        return AutotuneState(None if enabled is None else enabled != 0, apply, running, problem)
+        why = (None, None) if refusal is None else (str(refusal), refusal.remedy)
+        return AutotuneState(None if enabled is None else enabled != 0, apply, running, *why)
 
     async def start(self, ticket: Ticket, *, despite: Collection[str] = ()) -> AutotuneRun:
         """Starts autotune; returns once the vehicle has answered that it runs.

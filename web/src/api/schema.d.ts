@@ -4420,6 +4420,11 @@ export interface components {
              * @description Why it cannot start now; null: it can.
              */
             readonly problem: string | null;
+            /**
+             * Remedy
+             * @description What to do about it.
+             */
+            readonly remedy: string | null;
         };
         /**
          * Available

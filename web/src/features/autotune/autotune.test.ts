@@ -9,7 +9,7 @@ import { applyText, AutotuneControl, confirmationTexts, outcomeText, PART, type 
 const facts = (mode = 'position', id = '1'): VehicleFacts =>
   ({ id, name: `Quad ${id}`, status: { value: { mode, mode_label: mode === 'hold' ? 'Hold' : 'Position' } } }) as unknown as VehicleFacts;
 const OPERATION = { id: '7', kind: 'autotune', vehicle: '1', state: 'running', progress: 0.2, text: 'Moves.', result: null, error: null };
-const STATE: AutotuneState = { enabled: true, apply: 0, running: false, problem: null };
+const STATE: AutotuneState = { enabled: true, apply: 0, running: false, problem: null, remedy: null };
 
 let operations: object[] = [];
 let state = STATE;
