@@ -240,7 +240,7 @@ class Registry {
     return this.panels.some((panel) => panel.id === id && isOffered(panel, facts));
   }
 
-  /** Opens or closes a panel. On a phone a room makes way for one of the rail. @returns false if the panel is not offered for this vehicle. */
+  /** Opens or closes a panel. A room makes way for one of the rail that does not fit beside it. @returns false if the panel is not offered for this vehicle. */
   toggle(id: string, facts: VehicleFacts | null): boolean {
     if (!this.offers(id, facts)) return false;
     if (this.isOpen(id)) {
@@ -248,7 +248,7 @@ class Registry {
       return true;
     }
     this.openPanels = [...this.openPanels, id];
-    if (isPhone() && this.isOnRail(id)) rooms.openId = FLY;
+    if (this.isOnRail(id) && !fitsBeside(rooms.room)) rooms.openId = FLY;
     return true;
   }
 
@@ -266,9 +266,26 @@ class Registry {
   }
 }
 
-/** Whether the page is as narrow as a phone, on which a panel over a room would hide Hold, Land now and Stop motors. */
-function isPhone(): boolean {
-  return typeof matchMedia === 'function' && matchMedia('(max-width: 700px)').matches;
+/** Widths of the rail, of a panel with its margins, and of the instruments; heights of the top bar, of the action bar with the margins, and the least of a panel [px]. */
+const RAIL_PX = 72;
+const PANEL_PX = 584;
+const INSTRUMENTS_PX = 344;
+const TOP_BAR_PX = 56;
+const ACTION_BAR_PX = 108;
+const PANEL_HEIGHT_PX = 320;
+/** On a narrower page a room has no instruments beside it [px]. */
+export const NARROW_PX = 1100;
+
+/**
+ * Whether a panel of the rail fits on the page beside the dock of a room and above its action bar. Otherwise only one of them is open: the panel would hide
+ * the room's forms, or Hold, Land now and Stop motors.
+ */
+export function fitsBeside(room: Room | null, width_px: number = innerWidth, height_px: number = innerHeight): boolean {
+  if (room === null) return true;
+  const { left_px, bottom_px, top_px } = room.layout(width_px);
+  const instruments_px = width_px > NARROW_PX ? INSTRUMENTS_PX : 0;
+  const free_px = height_px - TOP_BAR_PX - top_px - bottom_px - ACTION_BAR_PX;
+  return RAIL_PX + left_px + PANEL_PX + instruments_px <= width_px && free_px >= PANEL_HEIGHT_PX;
 }
 
 export const registry = new Registry();
@@ -282,10 +299,10 @@ class Rooms {
 
   readonly room = $derived(registry.rooms.find((room) => room.id === this.openId) ?? null);
 
-  /** On a phone panels of the rail make way for it. */
+  /** Panels of the rail that do not fit beside it make way for it. */
   open(id: string): void {
     this.openId = id;
-    if (isPhone()) registry.closeRail();
+    if (!fitsBeside(this.room)) registry.closeRail();
   }
 
   toggle(id: string): void {
