@@ -138,7 +138,7 @@ def test_it_says_which_step_began_when_and_answers_questions_as_late_as_in_the_l
     assert [each["text"] for each in result["unchanged"]["modes"]] == ["Offboard", "Land"]
 
 
-@pytest.mark.parametrize("at_s", [14.0, 18.0, 22.0, 26.0, 31.0, 36.0, 45.0, 52.0])
+@pytest.mark.parametrize("at_s", [18.0, 26.0, 31.0, 45.0, 52.0])
 def test_rounds_a_pause_a_skipped_step_and_a_branch_are_found_in_the_log(rounds, at_s):
     result = rerun(rounds, at_s, duration_s=2.0, steps=ROUNDS)
     assert result["max_error_m"] < 0.5
