@@ -17,7 +17,7 @@ from gcs_server.mavlink.tables import NAMES
 from gcs_server.streamer.offboard.status import setpoint_view
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.vehicle import Vehicle
-from missions.setpoints import Setpoint
+from missions.setpoints import Acceleration, Attitude, Rates, Setpoint
 
 RATE_HZ: Final = 50.0
 """Setpoints per second to the vehicle; a newer one of the program is sent at once [Hz]."""
@@ -172,22 +172,36 @@ class ProgramFlight:
             converted = program_setpoints.convert(decode(frame))
             setpoint = converted.setpoint
             program.setpoint_kind, program.left_out = setpoint.type, converted.left_out
+            if program.newest is None or program.newest[1] != setpoint:
+                program.same_since_s = ends.now_s()
             program.newest = (ends.now_s(), setpoint)
             if self._streaming is not program or vehicle is None:
                 return
+            refusal = self.refusal_of(program, "offboard/setpoint") or self._hangs(program, setpoint)
             with authorized_command(
                 ends.station,
                 ends.principal,
                 "offboard/setpoint",
                 vehicle.id,
                 lambda: {"setpoint": setpoint_view(setpoint), "from": program.source},
-                refusal=self.refusal_of(program, "offboard/setpoint"),
+                refusal=refusal,
             ):
                 await ends.station.offboard(vehicle.id).setpoint(self._request(setpoint))
         except GcsError as error:
             if not self._starting:
                 program.setpoints_refused += 1
                 ends.refuse(program, frame, NAMES[frame.msg_id], error)
+
+    def _hangs(self, program: Program, setpoint: Setpoint) -> GcsError | None:
+        """Why a setpoint is taken for that of a program which hangs; None: it is not."""
+        same_for_s = self._ends.options.same_for_s
+        if not same_for_s or not _moves(setpoint) or self._ends.now_s() - program.same_since_s <= same_for_s:
+            return None
+        return Refused(
+            f"The same {setpoint.type.replace('_', ' ')} has come for more than {same_for_s:g} s: "
+            "the program may hang while its library repeats it.",
+            remedy="Send another setpoint, or open the link with same_for_s=0.",
+        )
 
     def _request(self, setpoint: Setpoint) -> StreamRequest:
         options, principal = self._ends.options, self._ends.principal
@@ -255,3 +269,13 @@ class ProgramFlight:
             return "There is no setpoint that can be flown."
         age_s = self._ends.now_s() - program.newest[0]
         return None if age_s <= FRESH_S else f"The newest setpoint is {age_s:.1f} s old."
+
+
+def _moves(setpoint: Setpoint) -> bool:
+    """Whether a setpoint keeps the vehicle moving for as long as it is flown. A position does not."""
+    if isinstance(setpoint, Attitude | Rates | Acceleration):
+        return True
+    vectors = (getattr(setpoint, name, ()) for name in ("velocity_ned_m_s", "velocity_frd_m_s"))
+    has_position = any(axis is not None for axis in getattr(setpoint, "position_ned_m", ()))
+    turns = bool(getattr(setpoint, "yaw_rate_ned_rad_s", None))
+    return turns or (not has_position and any(axis for vector in vectors for axis in vector))

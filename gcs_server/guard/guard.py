@@ -64,6 +64,8 @@ class GuardView:
     """Time after which a setpoint has expired if no other follows [s]."""
     on_expiry: str
     """Action when a setpoint has expired: hold, land, stop_stream."""
+    same_for_s: float
+    """Time for which a setpoint that moves the vehicle is flown without any change [s]; 0: for ever."""
     problem: str | None
     """Why programs cannot fly now; null: they can."""
     paused: str | None
@@ -268,6 +270,7 @@ class Guard:
             ends.principal.key,
             ends.options.valid_for_s,
             ends.options.on_expiry,
+            ends.options.same_for_s,
             self.problem(),
             self.paused,
             self._flight.flying,

@@ -104,6 +104,8 @@ class Program:
     """Its newest setpoint message that was not looked at yet; None: none."""
     newest: tuple[float, Setpoint] | None = None
     """Its newest setpoint that can be flown, and when it came [s, monotonic]."""
+    same_since_s: float = float("-inf")
+    """Since when its setpoint is the same [s, monotonic]."""
     arrived: asyncio.Event = field(default_factory=asyncio.Event)
     pending: dict[tuple[int, bytes], Pending] = field(default_factory=dict[tuple[int, bytes], Pending])
     """Its commands that wait for the vehicle's answer, by message id and payload."""

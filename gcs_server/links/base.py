@@ -92,6 +92,9 @@ class GuardOptions:
     """Time after which a setpoint of the program has expired if no other follows [s]."""
     on_expiry: str = "hold"
     """Action when a setpoint has expired: hold, land, stop_stream."""
+    same_for_s: float = 10.0
+    """Time for which a setpoint that moves the vehicle is flown without any change; then it expires, because
+    a library may send the last one on while its program hangs [s]. 0: for ever."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,8 @@
     ros2://0/px4_1                     a DDS domain (docs/links.md)
 
 With `guard=ask` (or `free`, `read`) programs are connected over the link, to which this server is their
-vehicle (docs/how-to-guard-a-program.md); its options are `vehicle`, `client`, `valid_for_s` and `on_expiry`.
+vehicle; its options are `vehicle`, `client`, `valid_for_s`, `same_for_s` and `on_expiry`
+(docs/how-to-guard-a-program.md).
 
 With `forward=1`, on any link except a recording, the link leads to another ground station: messages are
 forwarded between that station and the vehicles. With `key=NAME`, on any link except a recording, sent frames
@@ -33,7 +34,7 @@ from gcs_server.links.tcp import TcpLink, TcpServerLink
 from gcs_server.links.udp import UdpLink
 
 LOOPBACK = "127.0.0.1"
-GUARD_OPTIONS = frozenset({"guard", "vehicle", "client", "valid_for_s", "on_expiry"})
+GUARD_OPTIONS = frozenset({"guard", "vehicle", "client", "valid_for_s", "on_expiry", "same_for_s"})
 LIVE_OPTIONS = frozenset({"forward", "key", "signing"}) | GUARD_OPTIONS
 """Options of all links except recordings."""
 GUARD_CONTROL = ("ask", "free", "read")
@@ -166,11 +167,14 @@ def _guard(url: str, link: Link) -> GuardOptions | None:
         raise InvalidRequest(
             "url", f"{url!r}: valid_for_s must be from {MIN_VALID_S:g} to {MAX_VALID_S:g} seconds."
         )
+    same_for_s = parsed_number(url, "same_for_s", options.get("same_for_s", "10"))
+    if same_for_s != 0.0 and not 1.0 <= same_for_s <= 3600.0:
+        raise InvalidRequest("url", f"{url!r}: same_for_s must be 0, or from 1 to 3600 seconds.")
     vehicle, client = options.get("vehicle"), options.get("client")
     for name, text in (("vehicle", vehicle), ("client", client)):
         if text is not None and not (0 < len(text) <= MAX_NAME_LENGTH and text.isprintable()):
             raise InvalidRequest("url", f"{url!r}: {name} must have 1 to {MAX_NAME_LENGTH} characters.")
-    return GuardOptions(control, vehicle, client, valid_for_s, action)
+    return GuardOptions(control, vehicle, client, valid_for_s, action, same_for_s)
 
 
 def guarded(url: str) -> str:

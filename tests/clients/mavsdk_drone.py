@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
@@ -19,11 +20,13 @@ SPEED_FACTOR = 3
 TIMEOUT_S = 200.0
 """Limit for one test: a flight of two minutes, also on a machine that cannot simulate faster than real
 time."""
+GUARDED = bool(os.environ.get("GUARDED"))
+"""Whether the programs fly through a guarded link of a server; `make nightly` runs them both ways."""
 T = TypeVar("T")
 
 
 @contextmanager
-def vehicle_at(port: int, *, arguments: Sequence[str] = (), guarded: bool = False) -> Iterator[None]:
+def vehicle_at(port: int, *, arguments: Sequence[str] = (), guarded: bool = GUARDED) -> Iterator[None]:
     """Runs a vehicle that can be armed, in a separate process, with a TCP port for a program.
 
     Args:
@@ -41,12 +44,12 @@ def vehicle_at(port: int, *, arguments: Sequence[str] = (), guarded: bool = Fals
             url, _ = stack.enter_context(running_server([f"udpin://127.0.0.1:{gcs_port}", guard]))
             gcs = stack.enter_context(SyncGcs(url, client="observer"))
             gcs.wait_for_vehicle("1", ready=True)
-        wait_until(lambda: _listens(port), "the simulator's start")
+        wait_until(lambda: listens(port), "the simulator's start")
         yield
 
 
 @asynccontextmanager
-async def connected_drone(*, arguments: Sequence[str] = (), guarded: bool = False) -> AsyncIterator[System]:
+async def connected_drone(*, arguments: Sequence[str] = (), guarded: bool = GUARDED) -> AsyncIterator[System]:
     """Starts a vehicle, and connects MAVSDK to its TCP port; the arguments are those of `vehicle_at`."""
     port = free_port(socket.SOCK_STREAM)
     with vehicle_at(port, arguments=arguments, guarded=guarded):
@@ -65,7 +68,8 @@ async def connected_drone(*, arguments: Sequence[str] = (), guarded: bool = Fals
             drone._stop_mavsdk_server()
 
 
-def _listens(port: int) -> bool:
+def listens(port: int) -> bool:
+    """Whether something accepts connections at a TCP port."""
     with suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
         return True
     return False

@@ -6,32 +6,25 @@ import os
 import socket
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
 
+from tests.clients.mavsdk_drone import SPEED_FACTOR, listens, vehicle_at
 from tests.clients.mavsdk_programs import PROGRAMS
 from tests.station import free_port, running_process, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 MAVSDK_4 = Path(sys.prefix) / "mavsdk4"
 """The folder where `make test-clients` installs MAVSDK 4, a package of the same name."""
-SPEED = 3
-"""Speed of the simulation as a multiple of real time; MAVSDK's timeouts use the real clock."""
 
 
-def _listens(port: int) -> bool:
-    with suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
-        return True
-    return False
-
-
-def _vehicle_command(program: str, port: int) -> list[str]:
+def _vehicle_for(program: str, port: int) -> AbstractContextManager[object]:
     if program == "accelerometer_calibrated_on_all_sides":
-        return ["tests.clients.turned_vehicle", str(port), str(SPEED)]
-    command = ["vehicle_sim", "--no-api", "--no-log", "--gcs-local-port", "0", "--speed", str(SPEED)]
-    return [*command, "--gcs-remote-port", str(free_port()), "--tcp-port", str(port)]
+        command = [sys.executable, "-m", "tests.clients.turned_vehicle", str(port), str(SPEED_FACTOR)]
+        return running_process(command, cwd=ROOT)
+    return vehicle_at(port, arguments=["--no-log"])
 
 
 @pytest.mark.timeout(300)
@@ -44,8 +37,8 @@ def test_a_users_program_runs_to_its_end(version: int, program: str, tmp_path: P
             pytest.skip("MAVSDK 4 is not installed: run make test-clients")
         python_path.insert(0, str(MAVSDK_4))
     port = free_port(socket.SOCK_STREAM)
-    with running_process([sys.executable, "-m", *_vehicle_command(program, port)], cwd=ROOT):
-        wait_until(lambda: _listens(port), "the simulator's start", 60)
+    with _vehicle_for(program, port):
+        wait_until(lambda: listens(port), "the simulator's start", 60)
         result = subprocess.run(
             [sys.executable, "-m", "tests.clients.mavsdk_programs", program, str(port), str(tmp_path)],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(python_path)},

@@ -68,6 +68,37 @@ def test_a_program_that_hangs_lets_the_vehicle_hold(run_simulated):
     run_with_program(run_simulated, scenario)
 
 
+def test_a_moving_setpoint_that_never_changes_is_that_of_a_program_that_hangs(run_simulated):
+    async def scenario(scene):
+        program, autopilot = scene.program, scene.autopilot
+        await program.fly_offboard()
+        await sleep(15.0)  # a position may stay the same
+        assert autopilot.mode == OFFBOARD_MODE
+        program.stream(lambda: program.velocity(1, 0, 0))
+        await sleep(9.0)
+        assert autopilot.setpoints[-1][1].vx == 1
+        await sleep(3.0)
+        assert autopilot.setpoints[-1][1].type_mask & 0b111 == 0  # it keeps its place
+        assert any("may hang" in text for text in program.texts())
+        program.stream(lambda: program.velocity(0, 1, 0))  # it does not hang
+        await sleep(1.0)
+        assert autopilot.setpoints[-1][1].vy == 1
+        await sleep(20.0)
+        assert (autopilot.mode, autopilot.failsafe_count) == (HOLD_MODE, 0)
+
+    run_with_program(run_simulated, scenario)
+
+
+def test_a_link_may_let_a_setpoint_stay_the_same(run_simulated):
+    async def scenario(scene):
+        await scene.program.fly_offboard()
+        scene.program.stream(lambda: scene.program.velocity(1, 0, 0))
+        await sleep(40.0)
+        assert scene.autopilot.setpoints[-1][1].vx == 1
+
+    run_with_program(run_simulated, scenario, same_for_s=0.0)
+
+
 def test_the_hold_of_a_person_beats_a_program_that_asks_again(run_simulated):
     async def scenario(scene):
         program, autopilot = scene.program, scene.autopilot

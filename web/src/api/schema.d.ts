@@ -9393,6 +9393,11 @@ export interface components {
              */
             readonly on_expiry: string;
             /**
+             * Same For S
+             * @description Time for which a setpoint that moves the vehicle is flown without any change [s]; 0: for ever.
+             */
+            readonly same_for_s: number;
+            /**
              * Problem
              * @description Why programs cannot fly now; null: they can.
              */

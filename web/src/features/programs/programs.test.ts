@@ -27,6 +27,7 @@ const GUARD: Guard = {
   client_key: 'key',
   valid_for_s: 0.5,
   on_expiry: 'hold',
+  same_for_s: 10,
   problem: null,
   paused: null,
   flying: false,
