@@ -125,7 +125,7 @@ test-clients: $(VENV)/.clients web kernels
 nightly: $(VENV)/.clients web kernels
 	@$(BIN)/python -m pytest -n 2 --dist loadscope -m "$(LONG)" $(filter-out tests/contract,$(SUITE))
 	@$(BIN)/python -m pytest tests/clients tests/hostile
-	@GUARDED=1 $(BIN)/python -m pytest tests/clients -k mavsdk
+	@GUARDED=1 $(BIN)/python -m pytest tests/clients -k "mavsdk or mavproxy"
 	@GENERATED_REQUESTS=12 $(BIN)/python -m pytest tests/api/test_responses_are_described.py
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
 	@PAGE_SEEDS=30 $(BIN)/python -m tools.build_page npm run test -- src/features/commands.test.ts
