@@ -118,6 +118,7 @@ COMMANDS: Final[dict[int, Rule]] = {
     d.MAV_CMD_REQUEST_CAMERA_CAPTURE_STATUS: READ,
     d.MAV_CMD_REQUEST_VIDEO_STREAM_INFORMATION: READ,
     d.MAV_CMD_REQUEST_VIDEO_STREAM_STATUS: READ,
+    d.MAV_CMD_DO_AUTOTUNE_ENABLE: Rule("command", "autotune/start"),
     d.MAV_CMD_COMPONENT_ARM_DISARM: Rule("command", "arm"),
     d.MAV_CMD_DO_SET_MODE: Rule("command", "mode"),
     d.MAV_CMD_NAV_TAKEOFF: Rule("command", "takeoff"),
