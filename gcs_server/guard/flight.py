@@ -29,7 +29,10 @@ PROGRESS_AFTER_S: Final = 1.5
 """If Offboard takes longer to start, the program is told that it is in progress [s]."""
 HOLD_FOR_S: Final = 5.0
 """After a setpoint has expired, the place is kept by setpoints for this time; then PX4's Hold [s]."""
-WAITS = "The program's commands wait until a person lets it continue or the vehicle is disarmed."
+WAITS = "The program's commands wait until a person lets it continue."
+ENDED_S: Final = 5.0
+"""Programs that have sent nothing for this time have been ended: whoever starts one again knows what it does
+[s]."""
 START = (0, b"offboard")
 """Key of a start of Offboard among the pending commands of a program."""
 
@@ -50,8 +53,7 @@ class ProgramFlight:
         """The program whose setpoints are flown, or begin to be."""
         self._starting = False
         self._own_ticket: int | None = None
-        """Number of the ticket of the program's newest command that moves; None: none since the vehicle was
-        armed."""
+        """Number of the ticket of the program's newest command that moves; None: none since its start."""
         self._own_unix_s = 0.0
         self.paused: str | None = None
         """Who has overruled the program; None: nobody."""
@@ -101,10 +103,10 @@ class ProgramFlight:
     def tick(self, vehicle: Vehicle) -> None:
         """Looks ten times a second what has become of the flight."""
         self._check_stream(vehicle)
-        if not vehicle.flight_state.armed:
-            self.paused = None
-            if self._streaming is None:
-                self._own_ticket = None
+        now_s = self._ends.now_s()
+        heard = any(now_s - program.heard_s <= ENDED_S for program in self._ends.programs.values())
+        if not vehicle.flight_state.armed and not heard:
+            self.resume()
         elif self.paused is None and (text := self._overruled(vehicle)) is not None:
             self.paused = text
             self._ends.tell_all(f"{text} {WAITS}")

@@ -7,8 +7,9 @@ stream, which has their validity, limits, fence and fallback. Of several program
 count, until it has been silent for `PRESENT_S`.
 
 A command of another client, of the pilot or of another station ends what the program flies, and the program's
-further commands are refused until a person lets it continue, or the vehicle is disarmed: many programs ask
-for Offboard again and again, and would fly on against the pilot's Hold.
+further commands are refused until a person lets it continue, or it was ended and the vehicle is disarmed:
+many programs ask for Offboard and arm again and again, and would fly on against the pilot's Hold, or take off
+beside a person who has landed the vehicle.
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ class GuardView:
     problem: str | None
     """Why programs cannot fly now; null: they can."""
     paused: str | None
-    """Who has overruled the program, so that its commands are refused until a person lets it continue or the
-    vehicle is disarmed; null: nobody."""
+    """Who has overruled the program, so that its commands are refused until a person lets it continue, or it
+    was ended and the vehicle is disarmed; null: nobody."""
     flying: bool
     """Whether its setpoints are flown."""
     programs: tuple[ProgramView, ...]

@@ -274,16 +274,26 @@ def test_a_program_may_hold_while_its_offboard_starts(run_simulated):
     run_with_program(run_simulated, scenario)
 
 
-def test_disarming_ends_a_pause(run_simulated):
+def test_a_landed_vehicle_is_not_armed_by_a_program_that_was_overruled(run_simulated):
     async def scenario(scene):
-        program, guard = scene.program, scene.station.guards.get("guard")
+        program, autopilot = scene.program, scene.autopilot
+        guard = scene.station.guards.get("guard")
         await program.fly_offboard()
         await scene.vehicle.command.hold(by=ANNA.name)
         await sleep(1.0)
-        assert guard.paused is not None
-        scene.autopilot.land_and_disarm()
-        await sleep(1.5)
+        autopilot.land_and_disarm()
+        for _ in range(5):  # as the loop of many programs does
+            program.set_mode(OFFBOARD_MODE)
+            program.command(sim.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+            await sleep(2.0)
+        assert not autopilot.armed
+        assert program.acks(sim.MAV_CMD_COMPONENT_ARM_DISARM)[-1] == sim.MAV_RESULT_TEMPORARILY_REJECTED
+        program.hang()  # a person ends it
+        await sleep(6.0)
         assert guard.paused is None
+        program.command(sim.MAV_CMD_COMPONENT_ARM_DISARM, 1)  # and starts it again
+        await sleep(1.0)
+        assert autopilot.armed
 
     run_with_program(run_simulated, scenario)
 

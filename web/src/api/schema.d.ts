@@ -9404,8 +9404,8 @@ export interface components {
             readonly problem: string | null;
             /**
              * Paused
-             * @description Who has overruled the program, so that its commands are refused until a person lets it continue or the
-             *     vehicle is disarmed; null: nobody.
+             * @description Who has overruled the program, so that its commands are refused until a person lets it continue, or it
+             *     was ended and the vehicle is disarmed; null: nobody.
              */
             readonly paused: string | null;
             /**
