@@ -39,7 +39,9 @@ SKIP_M = 15.0
 """Cost of a jump in the mission; an error of `FAR_M` for three samples costs as much."""
 UNEVEN_M = 0.1
 """Cost of a step of mission time that is no step of the log's."""
-MAX_PATHS, MAX_SAMPLES = 32, 5000
+MAX_PATHS = 32
+MAX_WORK = 1e8
+"""So many moments of the log and the mission are compared at most: some seconds of computing."""
 STANDS_M_S = 0.3
 """A planned speed below it says nothing of the rate of mission time."""
 FINE_S, MAX_FINE = 0.02, 20_000
@@ -164,28 +166,34 @@ class FlownMission:
         """The begin and the moment whose setpoints are nearest to the logged ones."""
         kinds = [step.step for step in self._mission.steps if step.step in ("take_off", "land")]
         in_air = kinds[:1] != ["take_off"]
-        best: tuple[float, MissionBegin, MissionMoment, float] | None = None
-        for begin in self._stream.begins:
-            if begin.in_air != in_air:
-                continue
+        best: tuple[float, MissionBegin, MissionMoment] | None = None
+        begins = [each for each in self._stream.begins if each.in_air == in_air]
+        for begin in begins:
             timeline = self._compiled(self._mission, begin)
             paths = list(itertools.islice(_paths(timeline), MAX_PATHS + 1))
             if len(paths) > MAX_PATHS:
                 raise NotFlyable("The mission has too many branches to find its moment in the log.", "plan")
+            work = MAX_WORK / (len(begins) * len(paths))
             for choices, segments in paths:
-                found = _aligned(segments, self._stream, begin.t_s)
+                found = _aligned(segments, self._stream, begin.t_s, work)
                 if found is not None and (best is None or found.cost_m < best[0]):
                     index, t_s = _refined(segments, found, self._stream)
                     moment = MissionMoment(timeline, choices, index, t_s, None)
-                    best = found.cost_m, begin, moment, found.distance_m
-        if best is None or best[3] > NEAR_M:
+                    best = found.cost_m, begin, moment
+        if best is None or self._away_m(best[2]) > NEAR_M:
             text = (
                 f"The logged setpoints are then not those of the mission “{self._mission.name}”: it is "
                 "another mission, it was changed since, or the vehicle was away from its path."
             )
             raise NotFlyable(text, "plan")
-        _, begin, moment, _ = best
+        _, begin, moment = best
         return begin, self._with_rate(moment)
+
+    def _away_m(self, moment: MissionMoment) -> float:
+        """Distance of the logged setpoint from the mission's at a moment, at most FAR_M."""
+        segment = moment.segments()[moment.index]
+        here = _positions(segment, np.array([moment.t_s]))
+        return float(_errors_m(here, self._stream.setpoint_ned_m[-1])[0])
 
     def _with_rate(self, moment: MissionMoment) -> MissionMoment:
         """With the choices before the moment only, and the rate that the logged velocity says."""
@@ -253,49 +261,50 @@ class _Aligned:
     cost_m: float
     index: int
     t_s: float
-    step_s: float
-    distance_m: float
-    """Of the logged setpoint from the mission's, at the moment."""
 
 
-def _aligned(segments: tuple[Segment, ...], stream: LoggedStream, begin_s: float) -> _Aligned | None:
-    """Where in these segments the log ends; None: none of them is flown by setpoints."""
-    planned_s = sum(each.duration_s for each in segments if not flown_by_px4(each))
-    longest = max(planned_s / STREAM_STEP_S, float(len(stream.t_s)))
-    every = math.ceil(longest / MAX_SAMPLES)
-    grid = _grid(segments, STREAM_STEP_S * every)
+def _aligned(
+    segments: tuple[Segment, ...], stream: LoggedStream, begin_s: float, work: float
+) -> _Aligned | None:
+    """Where in these segments the log ends; None: none of them is flown by setpoints.
+
+    Args:
+        segments: one way through the mission.
+        stream: the logged setpoints.
+        begin_s: begin of the mission [s since the log's start].
+        work: so many comparisons are made at most; of a long log fewer samples are taken then.
+    """
+    grid = _grid(segments)
     if grid is None:
         return None
     position_ned_m, index, t_s, stays_m = grid
+    every = math.ceil(len(stream.t_s) * len(index) / work)
     logged = stream.setpoint_ned_m[::-every][::-1]
     during = stream.t_s[::-every][::-1] >= begin_s - STREAM_STEP_S
+    advances = {every * quarter // 4 for quarter in (1, 2, 3, 8, 12)} | {every - 1, every, every + 1}
     cost = np.full(len(index), SKIP_M)
     cost[0] = 0.0
     for target in logged[during]:
         reached = cost + stays_m
-        for steps in (1, 2, 3):
-            advanced = cost[:-steps] + UNEVEN_M * (steps - 1)
+        for steps in advances - {0}:
+            advanced = cost[:-steps] + UNEVEN_M * abs(steps - every) / every
             np.minimum(reached[steps:], advanced, out=reached[steps:])
         np.minimum(reached, np.minimum.accumulate(cost) + SKIP_M, out=reached)
         cost = reached + _errors_m(position_ned_m, target)
     last = int(cost.argmin())
-    distance_m = float(_errors_m(position_ned_m[last : last + 1], logged[-1])[0])
     unexplained_m = FAR_M * float(np.count_nonzero(~during))
-    total_m = float(cost[last]) + unexplained_m
-    return _Aligned(total_m, int(index[last]), float(t_s[last]), STREAM_STEP_S * every, distance_m)
+    return _Aligned(every * (float(cost[last]) + unexplained_m), int(index[last]), float(t_s[last]))
 
 
-def _grid(
-    segments: tuple[Segment, ...], step_s: float
-) -> tuple[Values, NDArray[np.int64], Values, Values] | None:
-    """Moments of the mission: (M, 3) positions (NaN: none), segments, times in them, and the cost of staying
-    there."""
+def _grid(segments: tuple[Segment, ...]) -> tuple[Values, NDArray[np.int64], Values, Values] | None:
+    """Moments of the mission, each `STREAM_STEP_S`: (M, 3) positions (NaN: none), segments, times in them,
+    and the cost of staying there."""
     positions, indices, times, stays = list[Values](), list[Values](), list[Values](), list[Values]()
     for index, segment in enumerate(segments):
         if flown_by_px4(segment):
             continue
         waits = isinstance(segment, WaitSegment)
-        t_s = np.zeros(1) if waits else np.arange(0.0, max(segment.duration_s, step_s / 2), step_s)
+        t_s = np.zeros(1) if waits else np.arange(0.0, max(segment.duration_s, FINE_S), STREAM_STEP_S)
         positions.append(_positions(segment, t_s))
         indices.append(np.full(len(t_s), index))
         times.append(t_s)
@@ -323,7 +332,7 @@ def _refined(segments: tuple[Segment, ...], found: _Aligned, stream: LoggedStrea
     segment, target = segments[found.index], stream.setpoint_ned_m[-1]
     if not isinstance(segment, _PATHS) or not np.isfinite(target).all():
         return found.index, found.t_s
-    low, high = max(0.0, found.t_s - found.step_s), min(segment.duration_s, found.t_s + found.step_s)
+    low, high = max(0.0, found.t_s - STREAM_STEP_S), min(segment.duration_s, found.t_s + STREAM_STEP_S)
     times = np.arange(low, high, FINE_S)
     if not len(times):
         return found.index, found.t_s

@@ -175,11 +175,14 @@ def test_damaged_notes_and_names_cost_only_themselves(data):
         assert (len(record["flight"]["parts"]), record["commands"]) == (2, [])
 
 
-def test_what_if_takes_the_plan_that_was_noted_with_the_flight(data):
+@pytest.mark.parametrize("kind", [b"waypoint_plan", b"offboard_mission"])
+def test_what_if_takes_the_plan_that_was_noted_with_the_flight(data, kind):
     add_recording(data)
     add_log(data)
     head, details = notes()
     noted = details.replace(b'"id": null, "version": null', b'"id": "0123456789ab", "version": 3')
+    noted = noted.replace(b"waypoint_plan", kind)
+    assert kind in noted
     NotesStore(data / "flight_notes").write(head, noted)
     with api_client(data) as client:
         flight = by_vehicle(read_all(client))["7"]

@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from gcs_server.logbook import tasks
+from missions.geodesy import LocalOrigin
 from missions.offboard.document import write
-from missions.what_if.flight import NotFlyable
+from missions.offboard.positions import Start
+from missions.offboard.segments import CurveSegment
+from missions.what_if.flight import LoggedStream, MissionBegin, NotFlyable
+from missions.what_if.mission_moment import FlownMission
 from tests.support.flown_mission import flown_offboard
-from tests.support.offboard_missions import mission
+from tests.support.offboard_missions import mission, timeline
 
 pytestmark = pytest.mark.flight
 
@@ -143,6 +147,28 @@ def test_rounds_a_pause_a_skipped_step_and_a_branch_are_found_in_the_log(rounds,
     result = rerun(rounds, at_s, duration_s=2.0, steps=ROUNDS)
     assert result["max_error_m"] < 0.5
     assert result["notes"] == []
+
+
+def test_the_round_is_found_in_a_flight_of_most_of_an_hour():
+    """By the setpoints alone; fewer of them are compared."""
+    circles = "- {step: orbit, center: {offset_ned_m: [0, 0, -6]}, radius_m: 20, turns: 1, speed_m_s: 2}\n"
+    steps = f"- {{step: take_off, height_m: 6}}\n- step: repeat\n  times: 50\n  steps:\n  {circles}"
+    origin = LocalOrigin(47.0, 8.0, 480.0)
+    segments = timeline(steps, Start(origin=origin, home_alt_amsl_m=480.0)).segments
+    flown = [each.curve for each in segments if isinstance(each, CurveSegment)][:40]
+    followed = np.concatenate(
+        [curve.sample(np.arange(0.0, curve.duration_s, 0.2)).position_ned_m for curve in flown]
+    )
+    t_s = 10.0 + 0.2 * np.arange(len(followed))
+    assert t_s[-1] > 2000.0
+    begin = MissionBegin(10.0, (0.0, 0.0, 0.0), 0.0, in_air=False)
+    stream = LoggedStream(t_s, followed, (2.0, 0.0, 0.0), (begin,), origin)
+    moment = FlownMission(mission(steps), stream, {}, 480.0).moment
+    present = moment.segments()[moment.index]
+    assert isinstance(present, CurveSegment)
+    assert present.curve.duration_s == flown[-1].duration_s
+    assert moment.index == [n for n, each in enumerate(segments) if isinstance(each, CurveSegment)][39]
+    assert moment.t_s == pytest.approx(present.duration_s, abs=0.3)
 
 
 def test_a_moved_point_of_the_present_step_is_flown_without_a_stop(flight):
