@@ -164,7 +164,7 @@ class ProgramCommands:
             )
         )
         try:
-            vehicle.require_commandable()
+            vehicle.require("raw_messages")
             if BY_NAME[row].acts == "no":
                 return None
             begin = vehicle.command.begin(
@@ -217,7 +217,7 @@ class ProgramCommands:
                 refusal = self._flight.refusal_of(program, rule.row)
                 if refusal is not None:
                     raise refusal
-                vehicle.require_commandable()
+                vehicle.require("raw_messages")
                 ends.station.authority.admit(ends.principal, BY_NAME[rule.row], vehicle.id)
         except GcsError as error:
             ends.refuse(program, frame, name, error)

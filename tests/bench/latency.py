@@ -20,8 +20,8 @@ ROUNDS = 300
 PARAMETER = "MPC_XY_CRUISE"
 
 
-def vehicle_round_trips_s(tcp_port: int, system_id: int) -> list[float]:
-    """PARAM_REQUEST_READ → PARAM_VALUE on a direct link, without the server."""
+def vehicle_round_trips_s(tcp_port: int, system_id: int, pause_s: float = 0.0) -> list[float]:
+    """PARAM_REQUEST_READ → PARAM_VALUE on a direct link, without the server; with a pause after each."""
     mav = mavlink.MAVLink(None, srcSystem=250, srcComponent=190)
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
@@ -35,6 +35,7 @@ def vehicle_round_trips_s(tcp_port: int, system_id: int) -> list[float]:
             while not _has_parameter(parser.parse_buffer(link.recv(65536))):
                 pass
             durations_s.append(time.monotonic() - began)
+            time.sleep(pause_s)
     return durations_s
 
 
