@@ -134,47 +134,43 @@ def guarded_link(testbed: OffboardTestbed, name: str = "guard", **options: Any) 
     return link
 
 
+async def scene_with_program(testbed: Any, vehicle: Any, **options: Any) -> SimpleNamespace:
+    """The server's routes, a guarded link and a program on it, for a vehicle that is connected."""
+    station = new_station(testbed)
+    station.authority.start()
+    station.guards = Guards(station, testbed.router, testbed.supervisor)
+    station.guards.start()
+    link = guarded_link(testbed, **options)
+    program = GuardedProgram(link)
+    program.heartbeat()
+    await sleep(1.5)
+    return SimpleNamespace(testbed=testbed, station=station, vehicle=vehicle, link=link, program=program)
+
+
 def run_with_program(
     run_simulated: Any,
     scenario: Callable[[Any], Awaitable[None]],
     *,
-    flying: bool = True,
     loss: float = 0.0,
     seed: int = 0,
     **options: Any,
 ) -> None:
-    """Runs a scenario with a scripted vehicle, the server, a guarded link and a program on it."""
+    """Runs a scenario with a scripted vehicle that hovers, the server, a guarded link and a program on it."""
 
     async def run() -> None:
         testbed = OffboardTestbed()
         autopilot = testbed.offboard_autopilot(testbed.link(), loss=loss, seed=seed)
-        if flying:
-            autopilot.set_hovering()
-        program: GuardedProgram | None = None
+        autopilot.set_hovering()
+        scene: SimpleNamespace | None = None
         try:
             vehicle = await testbed.wait_for_vehicle()
             await sleep(1.5)
-            station = new_station(testbed)
-            station.authority.start()
-            station.guards = Guards(station, testbed.router, testbed.supervisor)
-            station.guards.start()
-            link = guarded_link(testbed, **options)
-            program = GuardedProgram(link)
-            program.heartbeat()
-            await sleep(1.5)
-            await scenario(
-                SimpleNamespace(
-                    testbed=testbed,
-                    station=station,
-                    vehicle=vehicle,
-                    autopilot=autopilot,
-                    link=link,
-                    program=program,
-                )
-            )
+            scene = await scene_with_program(testbed, vehicle, **options)
+            scene.autopilot = autopilot
+            await scenario(scene)
         finally:
-            if program is not None:
-                program.hang()
+            if scene is not None:
+                scene.program.hang()
             await testbed.close()
 
     run_simulated(run)

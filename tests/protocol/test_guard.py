@@ -10,10 +10,20 @@ from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.vehicle.services import ftp_codec
 from tests.protocol.api_calls import ANNA, journal_entries
 from tests.protocol.fake_autopilot import HOLD_MODE, OFFBOARD_MODE, POSITION_MODE
-from tests.protocol.guard_program import START_S, GuardedProgram, guarded_link, run_with_program
+from tests.protocol.guard_program import (
+    START_S,
+    GuardedProgram,
+    guarded_link,
+    run_with_program,
+    scene_with_program,
+)
 from tests.protocol.offboard_testbed import mode_requests, sleep
 from tests.protocol.one_vehicle import PACKET_LOSS_CASES
+from tests.protocol.simulated_testbed import SimulatedTestbed
+from tests.unit.vehicle_sim.prepared_stations import station_in_hover
+from tests.unit.vehicle_sim.sim_station import Station
 from vehicle_sim.mavlink import generated_dialect as sim
+from vehicle_sim.world.files import load_world
 
 SET_MODE = sim.MAV_CMD_DO_SET_MODE
 
@@ -419,3 +429,30 @@ def test_a_program_flies_over_a_lossy_link_of_the_vehicle(run_simulated, loss, s
         assert scene.autopilot.setpoints[-1][1].vx == 1
 
     run_with_program(run_simulated, scenario, loss=loss, seed=seed)
+
+
+@pytest.mark.story
+def test_a_program_is_stopped_before_an_obstacle(run_simulated):
+    async def run():
+        fleet = station_in_hover(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box")).sim
+        testbed = SimulatedTestbed(sim=fleet)
+        north_m = []
+        try:
+            scene = await scene_with_program(testbed, await testbed.wait_for_vehicle())
+            program = scene.program
+            program.stream(lambda: program.position(10, 0, -2))  # behind the box
+            await sleep(0.5)
+            program.set_mode(OFFBOARD_MODE)
+            for _ in range(200):
+                await sleep(0.1)
+                north_m.append(float(fleet.simulation.truth.position_ned_m[0][0]))
+            program.hang()
+            await sleep(8.0)
+            assert scene.vehicle.status.mode == "hold"
+        finally:
+            await testbed.close()
+        assert 1.0 < max(north_m) < 4.25 - 0.5
+        assert any("obstacle" in text.lower() for text in program.texts()), program.texts()
+        assert not any("Collision" in event.text for event in scene.vehicle.events.since())
+
+    run_simulated(run)
