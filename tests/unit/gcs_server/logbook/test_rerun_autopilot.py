@@ -118,7 +118,7 @@ def test_another_return_altitude_is_flown(flight):
     ],
 )
 def test_what_is_lost_is_answered_by_its_failsafe(flight, lost, parameters, last):
-    result = rerun(flight, lost=lost, parameters=parameters, item=item(2 + 1, then="hold"))
+    result = rerun(flight, duration_s=25.0, lost=lost, parameters=parameters, item=item(3, then="hold"))
     assert modes(result["changed"])[-1] == last
     assert modes(result["unchanged"]) == ["Mission", "Return"]
 
