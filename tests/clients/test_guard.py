@@ -19,28 +19,6 @@ from tests.station import free_port, running_process, running_server, vehicle_co
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = ROOT / "docs" / "how-to-guard-a-program.md"
 VEHICLE = 101
-STREAMING_PROGRAM = """
-import sys, time
-from pymavlink import mavutil
-
-link = mavutil.mavlink_connection(sys.argv[1], source_system=245, source_component=190)
-beaten_s = asked_s = 0.0
-while True:
-    now_s = time.monotonic()
-    if now_s - beaten_s > 1.0:
-        beaten_s = now_s
-        link.mav.heartbeat_send(18, 8, 0, 0, 4)
-    link.mav.set_position_target_local_ned_send(
-        0, int(sys.argv[2]), 1, 1, 0b110111000111, 0, 0, 0, 1.5 + now_s % 1.0 / 100, 0, 0, 0, 0, 0, 0, 0
-    )
-    if now_s - asked_s > 5.0:
-        asked_s = now_s
-        link.mav.command_long_send(int(sys.argv[2]), 1, 176, 0, 1, 6, 0, 0, 0, 0, 0)
-    while link.recv_match(blocking=False) is not None:
-        pass
-    time.sleep(0.05)
-"""
-"""Flies north at about 1.5 m/s, and asks for Offboard again and again."""
 
 
 @pytest.fixture
@@ -65,15 +43,14 @@ def mode(drone: SyncVehicle) -> str:
 
 
 def test_a_program_that_hangs_is_held_and_flies_on_when_it_asks_again(
-    guarded: tuple[SyncVehicle, int], tmp_path: Path
+    guarded: tuple[SyncVehicle, int],
 ) -> None:
     drone, port = guarded
     drone.takeoff(6)
     wait_until(lambda: mode(drone) == "hold", "the end of the take-off")
     drone.control.release()
-    path = tmp_path / "program.py"
-    path.write_text(STREAMING_PROGRAM, encoding="utf-8")
-    with running_process([sys.executable, str(path), f"udpout:127.0.0.1:{port}", str(VEHICLE)]) as program:
+    command = [sys.executable, "-m", "tests.support.streaming_program", str(port)]
+    with running_process([*command, str(VEHICLE)], cwd=ROOT) as program:
         wait_until(lambda: mode(drone) == "offboard" and north_m(drone) > 4.0, "a flight to the north")
         program.send_signal(signal.SIGSTOP)
         time.sleep(4.0)  # half a second until it expires, and the way to stop
