@@ -20,6 +20,8 @@ export function stubBrowser(): void {
   vi.stubGlobal('location', { protocol: 'http:', host: 'page.test', origin: 'http://page.test', reload: () => undefined });
   vi.stubGlobal('document', { visibilityState: 'visible', hasFocus: () => true, addEventListener: () => undefined, documentElement: { dataset: {} } });
   vi.stubGlobal('window', globalThis);
+  vi.stubGlobal('innerWidth', 1280);
+  vi.stubGlobal('innerHeight', 800);
 }
 
 export class FakeServer {
