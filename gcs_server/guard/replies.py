@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterator
 from typing import Any, Final
 
-from gcs_server.errors import GcsError, NotInControl, Refused
+from gcs_server.errors import GcsError, Refused
 from gcs_server.guard.program import Program
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, full_payload
@@ -107,8 +107,8 @@ def acknowledgement(frame: Frame, result: int) -> Any | None:
 def refusal(frame: Frame, error: GcsError) -> Any | None:
     """MAVLink's own answer to a refused message; None: it has none."""
     if frame.msg_id in _COMMANDS:
-        passing = isinstance(error, NotInControl | Refused)
-        return acknowledgement(frame, d.MAV_RESULT_TEMPORARILY_REJECTED if passing else d.MAV_RESULT_DENIED)
+        may_pass = isinstance(error, Refused)
+        return acknowledgement(frame, d.MAV_RESULT_TEMPORARILY_REJECTED if may_pass else d.MAV_RESULT_DENIED)
     if frame.msg_id in _MISSION_WRITES:
         message: Any = decode_frame(frame)
         return d.MAVLink_mission_ack_message(
