@@ -155,7 +155,7 @@ class RerunResult(ResponseBody):
     max_error_deg: float
     """Largest angle."""
     wind_ned_m_s: list[float]
-    """Steady wind that was found in the log; 0: none was found."""
+    """Mean of the wind that was found in this part of the log; 0: none is felt."""
     source: Literal["parameters", "flight"]
     """Where the body is from: the log's SIH_* parameters, or found in this flight."""
     model: dict[str, IdentifiedValue]

@@ -118,7 +118,7 @@ class AutopilotFlights:
         logged: what its autopilot was doing at the moment.
         plan: the flown plan; None: not known.
         parameters: of the aircraft, including the model of its body (SIH_*).
-        wind_ned_m_s: steady wind of the logged flight.
+        wind_ned_m_s: (N, 3) wind at each sample of the flight; after its end it blows as the mean of them.
         change, more: what is different in row 1.
         mission: the flown offboard mission at the moment; None: it flew none, or not in Offboard.
 
@@ -133,13 +133,13 @@ class AutopilotFlights:
         logged: LoggedAutopilot,
         plan: Plan | None,
         parameters: Mapping[str, float],
-        wind_ned_m_s: tuple[float, float, float],
+        wind_ned_m_s: Values,
         change: Change,
         more: AutopilotChange,
         mission: FlownMission | None = None,
     ) -> None:
         self._flight, self._logged, self._plan = flight, logged, plan
-        self._parameters, self._wind = parameters, wind_ned_m_s
+        self._parameters, self._wind, self._mean_wind = parameters, wind_ned_m_s, wind_ned_m_s.mean(axis=0)
         self._change, self._more = change, more
         self._mission = mission
         self.mode = _mode(logged.nav_state, mission is not None)
@@ -217,7 +217,7 @@ class AutopilotFlights:
             except CannotDo as error:
                 raise NotFlyable(f"The mission cannot fly on: {error}.") from error
         self._cause(sim, links)
-        self._run(sim, links, pilots, flown, duration_s)
+        self._run(sim, links, pilots, flown, from_s, duration_s)
         for name in sorted(set(self._change.parameters) - self._stores[CHANGED].used):
             self.notes.append(f"The simulated PX4 did not use {name} in this part: it changes nothing.")
         return flown
@@ -299,8 +299,6 @@ class AutopilotFlights:
         problem = simulation.reload_parameters(row)
         if problem is not None:
             raise NotFlyable(f"{problem}.", "parameters")
-        wind = self._wind if row != CHANGED else self._change.wind_ned_m_s or self._wind
-        simulation.set_wind(np.array(wind), row)
         if logged.battery is not None:
             simulation.set_battery_remaining(row, logged.battery.share)
         stored = self._plans[row]
@@ -310,6 +308,13 @@ class AutopilotFlights:
                 autopilot.plans.store(mission_type, items)
             autopilot.navigator.mission.set_current(current)
         simulation.place_in_flight(row, moment)
+
+    def _blow(self, sim: SimulatedFleet, t_s: float) -> None:
+        """The wind of a time of the log."""
+        n = self._flight.first_after(t_s)
+        wind = self._wind[n] if n < len(self._wind) else self._mean_wind
+        changed = self._change.wind_ned_m_s
+        sim.simulation.set_wind(np.array([wind, wind if changed is None else changed]))
 
     def _cause(self, sim: SimulatedFleet, links: _Links) -> None:
         """What happens to the changed vehicle at the moment."""
@@ -327,6 +332,7 @@ class AutopilotFlights:
         links: _Links,
         pilots: Sequence[MissionPilot],
         flown: Sequence[Flown],
+        from_s: float,
         duration_s: float,
     ) -> None:
         begin_s = sim.time_s
@@ -334,6 +340,7 @@ class AutopilotFlights:
             autopilot.announcer.add_listener(_warnings_of(each, sim, begin_s))
         running = {row: sim.autopilots[row] for row in range(2)}
         for tick in range(round(duration_s / TICK_S) + 1):
+            self._blow(sim, from_s + tick * TICK_S)
             for row, autopilot in running.items():
                 flown[row].note_mode(autopilot, sim.time_s - begin_s)
                 if pilots:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from missions.what_if.flight import LoggedFlight, NotFlyable
 from missions.what_if.identified import Identified
+from missions.what_if.wind import specific_force
 from vehicle_sim.airframe import PITCH_SIGN, ROLL_SIGN, YAW_SIGN
 from vehicle_sim.frames import rotation_matrix
 
@@ -72,7 +73,7 @@ def identify(
         NotFlyable: the flight is too short.
     """
     step_s = float(flight.t_s[1] - flight.t_s[0]) if len(flight.t_s) > 1 else 0.0
-    air = _clear_of_ground(flight) & np.isfinite(flight.force_frd_m_s2).all(axis=1)
+    air = clear_of_ground(flight)
     if np.count_nonzero(air) * step_s < MIN_FLIGHT_S:
         raise NotFlyable(f"Less than {MIN_FLIGHT_S:.0f} s of this part are flown in the air.")
     rotors = _lagged(flight.motors, step_s / max(rotor_time_constant_s, step_s))[air]
@@ -86,7 +87,7 @@ def identify(
     return Model(thrust, drag, *wind, *turns)
 
 
-def _clear_of_ground(flight: LoggedFlight) -> NDArray[np.bool_]:
+def clear_of_ground(flight: LoggedFlight) -> NDArray[np.bool_]:
     """(N,) in the air, and well above where it stood before and stands afterwards: the ground carries a
     vehicle that spools up, or whose landing is not yet recognised."""
     landed, down_m = flight.landed, flight.position_ned_m[:, 2]
@@ -121,7 +122,7 @@ def _forces(
     matrix = rotation_matrix(flight.q_ned_frd[air])
     airless = means(np.einsum("nji,nj->ni", matrix, flight.velocity_ned_m_s[air]))
     across = means(np.swapaxes(matrix, 1, 2)[:, :, :2])
-    force = means(flight.force_frd_m_s2[air])
+    force = means(specific_force(flight)[air])
     pushed = np.zeros_like(force)
     pushed[:, 2] = -means(rotors)
     steady = (np.arange(count) * BLOCK_S // STEADY_S).astype(int)

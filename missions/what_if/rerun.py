@@ -21,7 +21,7 @@ from vehicle_sim.control.cascade import Cascade
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.estimator.estimator import blank_estimate
 from vehicle_sim.estimator.gyro_filter import GyroFilter
-from vehicle_sim.frames import rotation_matrix, yaw_of
+from vehicle_sim.frames import GRAVITY_M_S2, rotation_matrix, yaw_of
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.physics.rigid_body import RigidBodies
 from vehicle_sim.px4_version import DEFAULT, Px4Version
@@ -82,7 +82,7 @@ class Rerun:
     Args:
         flight: the logged flight, from some seconds before the start.
         parameters: of the aircraft, including the model of its body (SIH_*).
-        wind_ned_m_s: steady wind of the logged flight.
+        wind_ned_m_s: (N, 3) wind at each sample of the flight.
         change: what is different in row 1.
 
     Raises:
@@ -93,7 +93,7 @@ class Rerun:
         self,
         flight: LoggedFlight,
         parameters: Mapping[str, float],
-        wind_ned_m_s: tuple[float, float, float],
+        wind_ned_m_s: Values,
         change: Change,
     ) -> None:
         self._flight = flight
@@ -105,7 +105,7 @@ class Rerun:
         self._gyro = GyroFilter(2, STEP_S)
         self._estimate = blank_estimate(2)
         self._setpoints = Setpoints.idle(2)
-        self._wind = (wind_ned_m_s, change.wind_ned_m_s or wind_ned_m_s)
+        self._wind_ned_m_s, self._changed_wind_ned_m_s = wind_ned_m_s, change.wind_ned_m_s
         self._moved_ned_m = np.array([NOT_MOVED, change.moved_ned_m])
         self._health = np.array([(1.0,) * 4, change.motor_health])
         own = RecordedParameters(parameters)
@@ -157,6 +157,7 @@ class Rerun:
                 track.velocity_ned_m_s[n] = state.velocity_ned_m_s[row]
                 track.q_ned_frd[n] = state.q_ned_frd[row]
             self._estimate_is_true()
+            self._blow(start + n)
             self._control(start + n, self._moved_ned_m)
             self._bodies.step(self._cascade.motor_signal, self._health)
         return tracks[0], tracks[1]
@@ -197,9 +198,17 @@ class Rerun:
         if np.isfinite(flight.hover_thrust[n]):
             self._cascade.hover.value[:] = flight.hover_thrust[n]
         self._control(n)
-        missing = flight.commanded_acceleration_ned_m_s2[n] - self._cascade.target.acceleration_ned_m_s2
+        commanded = flight.commanded_acceleration_ned_m_s2[n]
+        commanded = np.where(np.isfinite(commanded), commanded, self._flown_acceleration(n))
+        missing = commanded - self._cascade.target.acceleration_ned_m_s2
         share = STEP_S / SETTLE_S
         self._cascade.position.velocity_integral += share * np.nan_to_num(missing)
+
+    def _flown_acceleration(self, n: int) -> Values:
+        """(3,) what was commanded, by attitude and motors, where the log does not say it."""
+        flight, hover = self._flight, self._cascade.hover.value[AS_IT_WAS]
+        down = rotation_matrix(flight.q_ned_frd[n : n + 1])[0, :, 2]
+        return np.array([0.0, 0.0, GRAVITY_M_S2]) - down * GRAVITY_M_S2 * flight.motors[n].mean() / hover
 
     def _begin(self, n: int) -> None:
         flight, state = self._flight, self._bodies.state
@@ -210,9 +219,15 @@ class Rerun:
         state.rotor_thrust[:] = flight.motors[n]
         state.on_ground[:] = False
         self._bodies.matrix[:] = rotation_matrix(state.q_ned_frd)
-        self._bodies.wind_ned_m_s[:] = self._wind
+        self._blow(n)
         if np.isfinite(flight.rate_integral[n]).all():
             self._cascade.rate.integral[:] = flight.rate_integral[n]
+
+    def _blow(self, n: int) -> None:
+        wind = self._bodies.wind_ned_m_s
+        wind[:] = self._wind_ned_m_s[n]
+        if self._changed_wind_ned_m_s is not None:
+            wind[CHANGED] = self._changed_wind_ned_m_s
 
     def _estimate_is_true(self) -> None:
         state, estimate = self._bodies.state, self._estimate

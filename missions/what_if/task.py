@@ -19,8 +19,9 @@ from missions.what_if.changed_step import StepChange
 from missions.what_if.flight import LoggedAutopilot, LoggedFlight, LoggedStream, NotFlyable
 from missions.what_if.identified import Identified
 from missions.what_if.mission_moment import FlownMission
-from missions.what_if.model import BODY, Model, body_parameters, identify
+from missions.what_if.model import BODY, Model, body_parameters, clear_of_ground, identify
 from missions.what_if.rerun import ALL_WORK, NOT_MOVED, Change, Rerun, Track
+from missions.what_if.wind import wind_along
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.frames import euler_of
 from vehicle_sim.parameters import Parameters
@@ -44,7 +45,7 @@ def run(flight: LoggedFlight, from_s: float, change: Change) -> dict[str, Any]:
         NotFlyable: the text says why.
     """
     parameters, model, source = _aircraft(flight)
-    wind = _wind(model)
+    wind = _wind(flight, parameters)
     tracks = Rerun(flight, parameters, wind, change).fly(from_s)
     start = flight.first_after(from_s)
     part = slice(start, flight.landing_after(start))
@@ -58,7 +59,7 @@ def run(flight: LoggedFlight, from_s: float, change: Change) -> dict[str, Any]:
         "unchanged": _track(tracks[0], every),
         "changed": _track(tracks[1], every),
         **_errors(error_m[::every], error_deg[::every]),
-        "wind_ned_m_s": [round(each, 2) for each in wind],
+        "wind_ned_m_s": _rounded(wind[part].mean(axis=0), 2),
         "source": source,
         "model": {name: asdict(each) for name, each in _found(model).items()},
         "notes": list(flight.notes),
@@ -94,7 +95,7 @@ def run_autopilot(
         NotFlyable: the text says why.
     """
     parameters, model, source = _aircraft(flight)
-    wind = _wind(model)
+    wind = _wind(flight, parameters)
     percent, item, step = request["battery_percent"], request["item"], request.get("step")
     more = AutopilotChange(
         battery_share=None if percent is None else percent / 100.0,
@@ -130,7 +131,7 @@ def run_autopilot(
         "logged": _track(as_logged, 1),
         **{name: _autopilot_track(each, began_s) for name, each in zip(names, flown, strict=True)},
         **_errors(error_m, error_deg),
-        "wind_ned_m_s": [round(each, 2) for each in wind],
+        "wind_ned_m_s": _rounded(wind[part].mean(axis=0), 2),
         "source": source,
         "model": {name: asdict(each) for name, each in _found(model).items()},
         "notes": [*flights.notes, *_mode_notes(logged, flown[0])],
@@ -184,11 +185,11 @@ def _aircraft(flight: LoggedFlight) -> tuple[dict[str, float], Model | None, str
     return own | body_parameters(model, own), model, "flight"
 
 
-def _wind(model: Model | None) -> tuple[float, float, float]:
-    if model is None:
-        return 0.0, 0.0, 0.0
-    north, east = (each.value if each.known else 0.0 for each in (model.wind_north_m_s, model.wind_east_m_s))
-    return north, east, 0.0
+def _wind(flight: LoggedFlight, parameters: Mapping[str, float]) -> Values:
+    """(N, 3) wind in the log, as this body feels it."""
+    mass = parameters["SIH_MASS"]
+    drag_per_s = parameters["SIH_KDV"] / mass if mass > 0.0 else 0.0
+    return wind_along(flight, drag_per_s, clear_of_ground(flight))
 
 
 def _found(model: Model | None) -> dict[str, Identified]:

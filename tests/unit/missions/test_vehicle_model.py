@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from missions.what_if.flight import LoggedFlight, NotFlyable
-from missions.what_if.model import identify
+from missions.what_if.model import clear_of_ground, identify
 from missions.what_if.vehicle_model import vehicle_model
+from missions.what_if.wind import wind_along
 
 STEP_S, GRAVITY = 0.02, 9.80665
 TRUE_THRUST, TRUE_DRAG, MASS_KG = 26.0, 0.4, 1.7
@@ -102,3 +103,40 @@ def test_a_flight_that_says_too_little_is_refused():
     still = dataclasses.replace(logged, motors=np.zeros_like(logged.motors))
     with pytest.raises(NotFlyable, match="how strong the motors are"):
         vehicle_model(still, None)
+
+
+def course(logged, drag_per_s=TRUE_DRAG):
+    """The wind to the north and east, without the seconds at begin and end of the flight."""
+    return wind_along(logged, drag_per_s, clear_of_ground(logged))[(logged.t_s > 14) & (logged.t_s < 56), :2]
+
+
+def test_a_steady_wind_is_one_value_all_along():
+    found = course(flight(noise=0.5))
+    assert np.ptp(found, axis=0) == pytest.approx([0, 0], abs=1e-9)
+    assert found[0] == pytest.approx([2.0, -1.0], abs=0.15)
+
+
+def test_a_wind_that_turns_is_followed():
+    found = course(flight(lambda t: (8.0 * np.sin(t / 8.0), 5.0 if t > 40 else -3.0)))
+    true = np.array(
+        [(8.0 * np.sin(t / 8.0), 5.0 if t > 40 else -3.0) for t in np.arange(14 + STEP_S, 56, STEP_S)]
+    )
+    wrong = np.abs(found - true[: len(found)])
+    assert wrong[:, 0].max() < 1.0
+    assert np.median(wrong[:, 1]) < 0.2
+    assert wrong[:, 1].max() < 5.0, "a step is blurred by a second"
+
+
+def test_without_accelerometer_the_velocity_says_the_wind():
+    logged = flight()
+    blind = dataclasses.replace(logged, force_frd_m_s2=np.full_like(logged.force_frd_m_s2, np.nan))
+    assert course(blind).mean(axis=0) == pytest.approx([2.0, -1.0], abs=0.2)
+
+
+def test_a_body_without_drag_feels_no_wind():
+    assert not course(flight(), 0.0).any()
+
+
+def test_a_flight_that_says_nothing_of_the_wind_is_flown_in_calm_air():
+    calm = flight(moves=False, wind=lambda t: (0.0, 0.0), noise=20.0, seconds=32.0)
+    assert np.abs(wind_along(calm, 0.05, clear_of_ground(calm))).max() < 2.5

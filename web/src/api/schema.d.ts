@@ -16607,7 +16607,7 @@ export interface components {
             readonly max_error_deg: number;
             /**
              * Wind Ned M S
-             * @description Steady wind that was found in the log; 0: none was found.
+             * @description Mean of the wind that was found in this part of the log; 0: none is felt.
              */
             readonly wind_ned_m_s: readonly number[];
             /**

@@ -186,7 +186,9 @@ def test_a_mode_with_foreign_setpoints_is_refused(flight):
     part = flown(log, {}, moment_s, moment_s + 5.0)
     offboard = replace(logged, nav_state=14)
     with pytest.raises(NotFlyable, match="flew in Offboard then") as refused:
-        AutopilotFlights(part, offboard, None, {}, (0.0, 0.0, 0.0), Change({}), AutopilotChange())
+        AutopilotFlights(
+            part, offboard, None, {}, np.zeros((len(part.t_s), 3)), Change({}), AutopilotChange()
+        )
     assert refused.value.field == "plan"
 
 

@@ -24,8 +24,11 @@ def within(folder, pattern):
     paths = sorted(folder.glob(pattern))
     if not paths:
         pytest.skip(f"the recordings {folder.name}/{pattern} are not beside this checkout")
-    errors_m = np.array([what_if.rerun(path).error_m for path in paths])
-    return len(paths), np.count_nonzero(errors_m <= what_if.STATED_M), np.nanmedian(errors_m)
+    reruns = [what_if.rerun(path) for path in paths]
+    errors_m = np.array([each.error_m for each in reruns])
+    allowed_m = what_if.STATED_M + np.array([each.drift_m for each in reruns])
+    near, explained = errors_m <= what_if.STATED_M, errors_m <= allowed_m
+    return len(paths), np.count_nonzero(near), np.count_nonzero(explained), np.nanmedian(errors_m)
 
 
 @pytest.mark.parametrize("name", REFERENCE)
@@ -38,12 +41,17 @@ def test_a_flight_whose_estimate_is_wrong_is_not_flown_again_rightly_and_the_err
     assert rerun(FAULTS / "data", "accel_bias_z_2.run1").error_m > 5 * what_if.STATED_M
 
 
+def test_a_wind_that_rises_is_flown_again():
+    """It blows 10 m/s from one second to the next: in calm air the rerun would be 15 m away."""
+    assert rerun(FAULTS / "data", "wind_10_offboard_vel.run1").error_m < 2.0
+
+
 @pytest.mark.story
 def test_as_many_recorded_flights_as_documented_stay_within_the_stated_error():
-    count, near, median_m = within(FLIGHTS, "*.json.gz")
-    assert (count, near >= 18, median_m < 1.2) == (41, True, True)
-    count, near, median_m = within(FAULTS / "data", "*.run1.json.gz")
-    assert (count, near >= 33, median_m < 0.6) == (48, True, True)
+    count, near, explained, median_m = within(FLIGHTS, "*.json.gz")
+    assert (count, near >= 18, explained >= 37, median_m < 1.25) == (41, True, True, True)
+    count, near, explained, median_m = within(FAULTS / "data", "*.run1.json.gz")
+    assert (count, near >= 35, explained >= 43, median_m < 0.6) == (48, True, True, True)
 
 
 def test_an_aircraft_is_identified_in_the_log_of_a_simulated_flight(tmp_path):
@@ -65,4 +73,4 @@ def test_each_aircraft_is_identified_as_documented(tmp_path, body):
 def test_a_changed_gain_makes_of_a_rerun_what_it_makes_of_a_flight(tmp_path, gains):
     error_m, makes_m = what_if.changed(gains, tmp_path)
     assert makes_m > 0.4
-    assert error_m < 0.35 * makes_m
+    assert error_m < 0.2 * makes_m
