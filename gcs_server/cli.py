@@ -21,6 +21,7 @@ from gcs_server.errors import GcsError
 from gcs_server.log_limit import LogLimit
 from gcs_server.px4_sitl.programs import ImageMissing, find_px4, pull
 from gcs_server.ros2 import doctor
+from gcs_server.scenarios import command as test_command
 from gcs_server.settings import Settings, load, split_arguments, token_of
 from gcs_server.storage.folder import DataFolder
 from gcs_server.version import __version__
@@ -44,6 +45,7 @@ examples:
   gcs key new field; gcs serve --link 'udpin://0.0.0.0:14550?key=field'     MAVLink signing
   gcs serve --guard udpin://127.0.0.1:14640              a program flies through this server's limits
   gcs replay flight.tlog --speed 2         replay a recording
+  gcs test scenarios/ --out report         fly scenarios, and check what must hold
   gcs sim --help                           only the simulated PX4
   gcs serve --sim px4                      a real PX4 in simulation: PX4's package or container image
   gcs serve --sim px4:3 --px4-path ~/PX4-Autopilot    three, from a build
@@ -63,7 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"gcs {__version__}")
-    commands = parser.add_subparsers(dest="command", metavar="{serve,sim,px4,replay,key}")
+    commands = parser.add_subparsers(dest="command", metavar="{serve,sim,px4,replay,key,test}")
     serve = commands.add_parser(
         "serve",
         help="run the server (the default)",
@@ -101,6 +103,12 @@ def build_parser() -> argparse.ArgumentParser:
     commands.add_parser("px4", help="run only real PX4s in simulation")
     key_command.add_flags(commands.add_parser("key", help="signing keys of MAVLink links"))
     doctor.add_flags(commands.add_parser("doctor", help="find out why ROS 2 topics are empty"))
+    test = commands.add_parser(
+        "test",
+        help="fly scenarios in simulation and check what must hold",
+        description="Flies scenarios in simulation, and checks what must hold in each flight.",
+    )
+    test_command.add_flags(test)
     return parser
 
 
@@ -183,6 +191,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run_and_report(lambda: key_command.run(parsed))
     if command == "doctor":
         return _run_and_report(lambda: doctor.run(parsed))
+    if command == "test":
+        return _run_and_report(lambda: test_command.run(parsed))
     config = options.pop("config")
     verbose = options.pop("verbose")
     output = logging.StreamHandler()

@@ -31,7 +31,7 @@ AREAS: tuple[tuple[str, re.Pattern[str]], ...] = (
 )
 """Catalog by path; a sentence that several have is in the first."""
 SILENT_FILES = re.compile(
-    r"/(client|examples|generated_\w+|reference|sign_in|scene)/|/(cli|__main__|key_command|doctor|schema|sign_in_page|described|settings|"
+    r"/(client|examples|generated_\w+|reference|sign_in|scenarios|scene)/|/(cli|__main__|key_command|doctor|schema|sign_in_page|described|settings|"
     r"generated_dialect|palette|shapes|encodings|http_protocol|parser)\.py$|"
     r"/(exports/(foxglove|json_messages|sink|tracks)|ros2_layout)\.py$"
 )

@@ -45,9 +45,8 @@ class SimulatedFleet:
         files: the files of each vehicle; default: files in temporary folders.
         links: (name, profile) of the links that each vehicle has from the start.
         seed: seed of sensor noise and gusts.
-        first_noise_number: number of the first vehicle in the seeds of noise and gusts
-            (`first_vehicle` of `Simulation`); default: `first_instance`, so that a vehicle flies the same
-            in any shard of a fleet.
+        noise_numbers: numbers of the vehicles in the seeds of noise and gusts; default: their instance
+            numbers, so that a vehicle flies the same in any shard of a fleet.
         origin: global position of local NED (0, 0, 0), where the first vehicle starts.
         boot_time_unix_s: UTC at boot.
         sensor_noise: False: no sensor noise.
@@ -70,7 +69,7 @@ class SimulatedFleet:
         files: Sequence[VehicleFiles] | None = None,
         links: Sequence[tuple[str, str]] = (("gcs", "gcs"), ("api", "api")),
         seed: int = 0,
-        first_noise_number: int | None = None,
+        noise_numbers: Sequence[int] | None = None,
         origin: SimulationOrigin | None = None,
         boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
         sensor_noise: bool = True,
@@ -86,7 +85,7 @@ class SimulatedFleet:
         self.simulation = Simulation(
             count, parameters=stores, seed=seed, origin=origin, sensor_noise=sensor_noise,
             start_ned_m=start_ned_m, yaw_ned_rad=start_yaw_ned_rad, world=world,
-            first_vehicle=first_instance if first_noise_number is None else first_noise_number,
+            noise_numbers=noise_numbers or range(first_instance, first_instance + count),
         )  # fmt: skip
         arrays = TickArrays.for_count(count)
         self.autopilots = [

@@ -187,12 +187,17 @@ def script_from_fields(fields: Fields) -> Script:
     name = fields.text("name", "script")
     if not fields.has("events"):
         raise fields.problem(None, "lacks events; give a list, each entry with a dash")
-    events = tuple(_event(entry) for entry in fields.items("events"))
+    events = tuple(event_from_fields(entry) for entry in fields.items("events"))
     fields.finish()
     return Script(name, events)
 
 
-def _event(fields: Fields) -> Event:
+def event_from_fields(fields: Fields) -> Event:
+    """One event of a script.
+
+    Raises:
+        FileProblem: a field is missing, unknown or invalid.
+    """
     conditions = [key for key in ("at_s", "when", "above_m") if fields.has(key)]
     if len(conditions) != 1:
         raise fields.problem(None, "needs one of at_s, when, above_m, to say when it happens")

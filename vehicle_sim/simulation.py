@@ -73,8 +73,8 @@ class Simulation:
         count: number of vehicles.
         parameters: one store for each vehicle; default: PX4's boot values.
         seed: seed of sensor noise and gusts.
-        first_vehicle: number of the first vehicle; noise and gusts of a vehicle depend only on seed and
-            number.
+        noise_numbers: one for each vehicle; noise and gusts of a vehicle depend only on seed and number.
+            Default: 0, 1, 2, …
         origin: global position of local NED (0, 0, 0).
         start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
         yaw_ned_rad: (N,) start headings; default: north.
@@ -92,7 +92,7 @@ class Simulation:
         *,
         parameters: Sequence[Parameters] | None = None,
         seed: int = 0,
-        first_vehicle: int = 0,
+        noise_numbers: Sequence[int] | None = None,
         origin: SimulationOrigin | None = None,
         start_ned_m: FloatArray | None = None,
         yaw_ned_rad: FloatArray | None = None,
@@ -120,7 +120,7 @@ class Simulation:
         if start_ned_m.shape != (count, 3) or start_yaw_rad.shape != (count,):
             raise ValueError(f"start_ned_m must be ({count}, 3) and yaw_ned_rad ({count},)")
         self._bodies = RigidBodies(count, STEP_S)
-        vehicle_numbers = range(first_vehicle, first_vehicle + count)
+        vehicle_numbers = range(count) if noise_numbers is None else noise_numbers
         self._wind = Wind(STEP_S * WIND_EVERY_STEPS, seed=seed, vehicles=vehicle_numbers)
         self._batteries = Batteries(count, STEP_S * BATTERY_EVERY_STEPS)
         self._sensors = SensorSuite(

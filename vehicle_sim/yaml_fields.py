@@ -77,6 +77,21 @@ class Fields:
         node = self._node if key is None else self._nodes.get(key, self._node)
         return self._problem(node, self._location if key is None else self._location_of(key), text)
 
+    def problem_at(self, path: Sequence[str | int], text: str) -> FileProblem:
+        """An error about the value at a path of keys and indexes, with the line of the nearest value."""
+        node, location = self._node, self._location
+        for part in path:
+            location = f"{location}[{part}]" if isinstance(part, int) else f"{location}.{part}".lstrip(".")
+            if isinstance(node, yaml.MappingNode):
+                node = next((value for key, value in node.value if str(key.value) == part), node)
+            elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+                node = node.value[part]
+        return self._problem(node, location, text)
+
+    def value(self) -> dict[str, Any]:
+        """All fields as plain values, for a reader that checks them itself."""
+        return {key: self._optional_value(key) for key in self._nodes}
+
     def has(self, key: str) -> bool:
         """Whether the field exists."""
         return key in self._nodes

@@ -30,7 +30,8 @@ class FenceDistance:
     def __init__(
         self, zones: Sequence[FenceZone], origin: LocalOrigin, radius_m: float, height_m: float
     ) -> None:
-        self._area = allowed_area(zones, origin) if zones else None
+        self.area = allowed_area(zones, origin) if zones else None
+        """The area of the zones: north and east [m]; None: no zones."""
         self._radius_m, self._height_m = radius_m, height_m
         self.exists = bool(zones) or radius_m > 0.0 or height_m > 0.0
 
@@ -38,9 +39,9 @@ class FenceDistance:
         """(N,) distance to the fence [m] at positions (N, 3); negative: outside; infinite: no fence."""
         to_fence_m = np.full(len(position_ned_m), math.inf)
         north, east, down = position_ned_m.T
-        if self._area is not None:
-            edge_m = shapely.distance(shapely.points(north, east), self._area.boundary)
-            within = shapely.contains_xy(self._area, north, east)
+        if self.area is not None:
+            edge_m = shapely.distance(shapely.points(north, east), self.area.boundary)
+            within = shapely.contains_xy(self.area, north, east)
             to_fence_m = np.where(within, edge_m, -edge_m)
         if self._radius_m > 0.0:
             to_fence_m = np.minimum(to_fence_m, self._radius_m - np.hypot(north, east))

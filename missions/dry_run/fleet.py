@@ -17,6 +17,7 @@ from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.mavlink.node import Node
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.px4_version import VERSIONS
+from vehicle_sim.script import Script
 from vehicle_sim.simulation import SimulationOrigin
 from vehicle_sim.world import prism
 from vehicle_sim.world.terrain import HeightGrid, Terrain
@@ -38,7 +39,10 @@ class Fleet:
         conditions: one for each vehicle.
         seed: seed of noise and gusts.
         first: number of the first flight. The noise of a flight depends on this number, not on the batch.
+        noise_numbers: one for each vehicle, instead of `first` and those after it.
         site: ground and obstacles around the start.
+        world: a world of the simulator, instead of `site`.
+        script: what fails, and when.
     """
 
     def __init__(
@@ -48,18 +52,22 @@ class Fleet:
         *,
         seed: int = 0,
         first: int = 0,
+        noise_numbers: Sequence[int] | None = None,
         site: Site = LEVEL_SITE,
+        world: World | None = None,
+        script: Script | None = None,
     ) -> None:
-        home, world = aircraft[0].home, _world(site)
+        home, world = aircraft[0].home, world or _world(site)
         start_ned_m = np.array([_from_home(home, each.home) for each in aircraft])
         if world is not None:
             start_ned_m[:, 2] = -world.terrain.alt_home_m(start_ned_m[:, 0], start_ned_m[:, 1])
         self.sim = SimulatedFleet(
-            len(conditions), links=(), seed=seed, first_noise_number=first,
+            len(conditions), links=(), seed=seed,
+            noise_numbers=noise_numbers or range(first, first + len(conditions)),
             stores=[_parameters_for(*each) for each in zip(aircraft, conditions, strict=True)],
             origin=SimulationOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m),
             start_ned_m=start_ned_m,
-            start_yaw_ned_rad=np.array([each.yaw_ned_rad for each in aircraft]), world=world,
+            start_yaw_ned_rad=np.array([each.yaw_ned_rad for each in aircraft]), world=world, script=script,
         )  # fmt: skip
         simulation = self.sim.simulation
         for row, each in enumerate(conditions):

@@ -16,7 +16,11 @@ STEPS = 250  # 1 s
 
 def climbing_simulation(count: int, first_vehicle: int = 0, seed: int = 3, **options) -> Simulation:
     simulation = Simulation(
-        count, seed=seed, first_vehicle=first_vehicle, start_ned_m=row_east(count, first_vehicle), **options
+        count,
+        seed=seed,
+        noise_numbers=range(first_vehicle, first_vehicle + count),
+        start_ned_m=row_east(count, first_vehicle),
+        **options,
     )
     simulation.setpoints.armed[:] = True
     simulation.setpoints.level[:] = ControlLevel.TRAJECTORY

@@ -1,0 +1,1 @@
+"""Flights as tests: scenarios that are flown in simulation, and what must hold in them (`gcs test`)."""

@@ -1,0 +1,119 @@
+"""Flies scenarios on several processes, which end with this one."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing.connection import wait
+from pathlib import Path
+
+from gcs_server.errors import GcsError
+from gcs_server.scenarios import batch
+from gcs_server.scenarios.results import FlightResult, judge
+from gcs_server.scenarios.scenario import Cell, Scenario, load
+
+CELLS_PER_TASK = 12
+"""Flights in one simulation: their common steps then cost little for each, and a core gets work often."""
+
+
+@dataclass(frozen=True, slots=True)
+class Selected:
+    """A scenario, and the conditions in which it is flown."""
+
+    scenario: Scenario
+    cells: tuple[Cell, ...]
+
+
+def select(scenarios: Sequence[Scenario], words: Sequence[str]) -> list[Selected]:
+    """The flights whose names contain all words; scenarios without such flights are left out."""
+    selected: list[Selected] = []
+    for scenario in scenarios:
+        name = scenario.document.name
+        cells = tuple(c for c in scenario.cells if all(word in f"{name} [{c.text}]" for word in words))
+        if cells:
+            selected.append(Selected(scenario, cells))
+    return selected
+
+
+def fly(selected: Selected) -> list[FlightResult]:
+    """Flies a scenario, judges it, and flies what failed again with a recording."""
+    scenario = selected.scenario
+    results = [judge(scenario, each.cell, each.flown) for each in batch.fly(scenario, selected.cells)]
+    failed = [each.cell for each in results if not each.passed]
+    if failed:
+        recordings = {each.cell: each.recording for each in batch.fly(scenario, failed, record=True)}
+        results = [each.with_recording(recordings.get(each.cell)) for each in results]
+    return results
+
+
+def fly_all(
+    selected: Sequence[Selected], jobs: int, report: Callable[[Sequence[FlightResult]], None]
+) -> list[FlightResult]:
+    """Flies all; the results are in the order of the scenarios, whatever ended first.
+
+    Args:
+        selected: the scenarios.
+        jobs: number of processes.
+        report: called with the flights of each task as it ends.
+
+    Raises:
+        GcsError: a process ended without a result.
+    """
+    tasks = [
+        (each.scenario.path, each.cells[first : first + CELLS_PER_TASK])
+        for each in selected
+        for first in range(0, len(each.cells), CELLS_PER_TASK)
+    ]
+    results: list[FlightResult] = []
+    with _processes(min(jobs, len(tasks))) as pool:
+        futures: list[Future[list[FlightResult]]] = [pool.submit(_fly_task, *task) for task in tasks]
+        try:
+            for future in futures:
+                flown = future.result()
+                report(flown)
+                results += flown
+        except BrokenProcessPool:
+            raise GcsError(
+                "A process that flies scenarios was ended.", remedy="Give fewer --jobs if memory is short."
+            ) from None
+    return results
+
+
+def _fly_task(path: Path, cells: tuple[Cell, ...]) -> list[FlightResult]:
+    # Read again here, because a scenario has functions, which do not pass between processes.
+    return fly(Selected(load(path), cells))
+
+
+@contextlib.contextmanager
+def _processes(count: int) -> Generator[ProcessPoolExecutor]:
+    """Processes that end with the block, at once if it is left by an exception."""
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(max(1, count), mp_context=context, initializer=_end_with_parent)
+    try:
+        yield pool
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            process.kill()
+        raise
+    pool.shutdown()
+
+
+def _end_with_parent() -> None:
+    """Ends this process when its parent dies, also if that is killed; Ctrl+C is the parent's to handle."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
+
+
+def _exit_after(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
