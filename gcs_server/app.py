@@ -213,8 +213,8 @@ class Server:
             operations,
             PlanStore(folder.plans, clock, self.fleet.events),
             PlanWork(folder.elevation, authority.controls_any),
-            *_kept_of_vehicles(folder),
-        )
+            *_kept_of_vehicles(folder), authority.controls_any,
+        )  # fmt: skip
         self._ros2_settings = ClientSettings(clock, self.fleet.all, self.router.connections)
         self._connect_vehicles(Cache(folder.cache))
         self.scene = self._scene(clock) if settings.scene else None

@@ -140,6 +140,38 @@ async def as_operation(
     return results[0]
 
 
+async def while_connected(work: Awaitable[T]) -> T:
+    """The result of work that nobody needs once the caller has closed its connection: then it is cancelled.
+
+    Raises:
+        Interrupted: the caller has closed its connection.
+    """
+    caller = _caller.get()
+    if caller is None:
+        return await work
+    results, errors = list[T](), list[GcsError]()
+
+    async def run() -> None:
+        try:
+            results.append(await work)
+        except GcsError as problem:
+            errors.append(problem)
+
+    async with asyncio.TaskGroup() as tasks:
+        task = tasks.create_task(run())
+
+        def cancel(reason: str) -> None:
+            errors.append(Interrupted(reason))
+            task.cancel()
+
+        watch = tasks.create_task(_wait_for_end(caller, cancel))
+        await asyncio.wait({task})
+        watch.cancel()
+    if errors:
+        raise errors[0]
+    return results[0]
+
+
 async def _wait_for_end(caller: Request, cancel: Callable[[str], None]) -> None:
     """Cancels once the caller has closed its connection."""
     while (await caller.receive())["type"] != "http.disconnect":

@@ -247,6 +247,20 @@ class Vehicle:
         `max_distance_m`, and `despite` (codes of findings about the geofence that you accept)."""
         await self.request("POST", "/goto", {"lat_deg": lat_deg, "lon_deg": lon_deg, **options})
 
+    async def futures(self, *, horizon_s: float = 20.0, **command: object) -> dict[str, Any]:
+        """Where the vehicle may be when with a command that is not sent: flown a hundred times in simulation
+        from its present state.
+
+        Args:
+            horizon_s: how far the flights reach [s].
+            command: one of `goto`, `altitude`, `mode` and `setpoint`, as their own calls take them; also
+                `flights`, `seed` and `obstacles`.
+
+        Raises:
+            Refused: the vehicle is not flying, or has no position.
+        """
+        return await self.request("POST", "/futures", {"horizon_s": horizon_s, **command})
+
     async def change_altitude(self, **options: object) -> None:
         """Climbs or descends in Hold; give `alt_amsl_m` or `alt_home_m`, and optionally `max_distance_m` and
         `despite`."""

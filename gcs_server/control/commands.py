@@ -454,6 +454,7 @@ ALL: tuple[Command, ...] = (
         "POST /vehicles/{v}/mission/compare",
     ),
     _view("flights/rerun", "POST /flights/{f}/rerun"),
+    _view("vehicles/futures", "POST /vehicles/{v}/futures"),
     _view("operations", "GET /operations", "GET /operations/{o}"),
     _view("telemetry", "WS /telemetry", "WS /telemetry subscribe"),
     _view(

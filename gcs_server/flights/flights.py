@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 from gcs_server.clock import Clock
+from gcs_server.flights.futures import FuturesWork
 from gcs_server.flights.groups import Groups
 from gcs_server.flights.mission_modes import MissionModes
 from gcs_server.flights.mission_start import compile_inputs_of, prepare_mode
@@ -41,6 +43,7 @@ class Flights:
         plan_work: runs tasks on plans.
         progress: how far each vehicle has flown its plan; None: only in memory.
         models: models of vehicles that were found in flights; None: only in memory.
+        in_control: returns whether the client with a key controls a vehicle; its futures come first.
     """
 
     def __init__(
@@ -55,11 +58,13 @@ class Flights:
         plan_work: PlanWork,
         progress: ProgressStore | None = None,
         models: VehicleModels | None = None,
+        in_control: Callable[[str], bool] = lambda _: False,
     ) -> None:
         self._supervisor, self._streamer = supervisor, streamer
         self.fleet, self.operations, self.plans, self.plan_work = fleet, operations, plans, plan_work
         self.dry_runs = DryRuns()
         self.proofs = Proofs()
+        self.futures = FuturesWork(in_control)
         self.known_ground = KnownGround(clock, fleet, plan_work)
         self.groups = Groups(clock, streams, fleet.events, streamer.offboard)
         self.missions = OffboardMissions(clock, streamer, streams, self.groups, supervisor)
@@ -104,6 +109,7 @@ class Flights:
         return await self._streamer.stop_all()
 
     def close(self) -> None:
-        """Ends plan work, and waits for pending writes of plans."""
+        """Ends plan work and futures, and waits for pending writes of plans."""
         self.plans.close()
         self.plan_work.close()
+        self.futures.close()

@@ -112,7 +112,7 @@ def _others(flights: Flights, vehicle: Vehicle) -> Callable[[], tuple[list[Predi
     """Reads what the other vehicles fly now. The returned function predicts their paths, for a thread, and
     makes sentences about flying vehicles whose path is not known."""
     others = [
-        (other.id, vehicle_reading(other).in_air, _predictions(flights, other))
+        (other.id, vehicle_reading(other).in_air, predictions_of(flights, other))
         for other in flights.fleet.all()
         if other.id != vehicle.id and not other.identity.replayed
     ]
@@ -133,7 +133,7 @@ def _others(flights: Flights, vehicle: Vehicle) -> Callable[[], tuple[list[Predi
     return predict
 
 
-def _predictions(flights: Flights, other: Vehicle) -> list[Prediction]:
+def predictions_of(flights: Flights, other: Vehicle) -> list[Prediction]:
     """Functions that predict what the vehicle may be flying: its offboard mission, its waypoint plan, or a
     hover; the first path counts."""
     reading, origin = vehicle_reading(other), VehicleEstimates(other).origin()

@@ -41,6 +41,7 @@ from vehicle_sim.autopilot.tick_arrays import (
     SETPOINT_DOWN,
     TILT,
     Motion,
+    SteadyTask,
     TickArrays,
 )
 from vehicle_sim.autopilot.trajectory import (
@@ -72,6 +73,17 @@ _TRAJECTORY = int(ControlLevel.TRAJECTORY)
 _MARGIN = 1e-6
 """A vehicle this close to a threshold [m or degrees] gets a full tick, in which `Autopilot.update` compares
 exactly."""
+
+
+def task_row(task: SteadyTask, home_down_m: float, origin_alt_m: float) -> tuple[float, ...]:
+    """A row of the tasks of `fly_tasks`.
+
+    Args:
+        task: the motion and its end conditions.
+        home_down_m: position down of home.
+        origin_alt_m: altitude AMSL of the origin.
+    """
+    return (*task, home_down_m, origin_alt_m)
 
 
 class SteadyTicks:
@@ -116,8 +128,7 @@ class SteadyTicks:
         if task is None:
             return
         row = autopilot.row
-        home_down_m, origin_alt_m = autopilot.home.position_ned_m[2], autopilot.view.origin[2]
-        self._tasks[row] = (*task, home_down_m, origin_alt_m)
+        self._tasks[row] = task_row(task, autopilot.home.position_ned_m[2], autopilot.view.origin[2])
         self._reset_counts[row] = autopilot.navigator.path.reset_counts
 
     def _row_array(self, rows: list[int]) -> Integers:
@@ -140,7 +151,7 @@ class SteadyTicks:
     def _fly(self, rows: list[int]) -> None:
         simulation, arrays = self._simulation, self._arrays
         estimate, setpoints = simulation.estimate, simulation.setpoints
-        _fly(
+        fly_tasks(
             self._row_array(rows), self._tasks, arrays.axes, arrays.settings, arrays.triplet,
             arrays.before_turn_m_s, arrays.yaw, arrays.last_heading_rad, arrays.motion,
             estimate.position_ned_m, estimate.q_ned_frd, estimate.height_above_ground_m,
@@ -252,7 +263,7 @@ def _face(task: Column, axes: Rows, yaw: Column, smooths_heading: bool) -> None:
 
 
 @kernel
-def _fly(
+def fly_tasks(
     rows: Integers, tasks: Rows, axes: Blocks, settings: Rows, triplet: Rows,
     before_turn_m_s: Rows, yaw: Rows, last_heading_rad: Rows, motion: Rows, position: Rows, q_ned_frd: Rows,
     range_m: Column, heading_good: Flags, setpoint_position: Rows, setpoint_velocity: Rows,

@@ -173,7 +173,7 @@ class Guided:
             target_amsl_m = await self._altitude_amsl_m(ticket, alt_amsl_m, alt_home_m)
             await self._fence.require_inside(self._place(), [self._place()], target_amsl_m, despite)
             position = checks.position_of(vehicle)
-            place = self._hold_target() or (position.lat_deg, position.lon_deg, position.alt_amsl_m)
+            place = self.hold_target() or (position.lat_deg, position.lon_deg, position.alt_amsl_m)
             for lat_lon_deg in {place[:2], (position.lat_deg, position.lon_deg)}:
                 checks.require_near(vehicle, *lat_lon_deg, target_amsl_m, max_distance_m)
                 checks.require_above_ground(vehicle, self._command.floor.now(), *lat_lon_deg, target_amsl_m)
@@ -190,7 +190,7 @@ class Guided:
             checks.position_of(self._vehicle)
             await self._enter_hold(ticket, options)
             # PX4 takes the current altitude as the target unless the command has one.
-            target = self._hold_target()
+            target = self.hold_target()
             request = _reposition(yaw_rad, NAN if target is None else target[2])
             accepted = Goal("turn", _never, STATE_DEADLINE_S, requested_ids=(), ack_is_enough=True)
             await self._command.run(ticket, request, accepted, options)
@@ -431,7 +431,7 @@ class Guided:
         newest = self._vehicle.newest_payload(msg_id)
         return None if newest is None or newest[1] <= since_s else newest[0]
 
-    def _hold_target(self) -> tuple[float, float, float] | None:
+    def hold_target(self) -> tuple[float, float, float] | None:
         """The target at which the vehicle holds or to which it flies in Hold: latitude, longitude [deg],
         altitude AMSL [m]; None: it is in another mode, or has not reported one lately."""
         now_s = self._vehicle.clock.monotonic_s()

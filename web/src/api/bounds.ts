@@ -143,6 +143,11 @@ export const BOUNDS = {
     alt_home_m: {"min":5,"max":500},
     age_s: {"min":0,"max":3600},
   },
+  FuturesRequest: {
+    horizon_s: {"min":1,"max":60},
+    flights: {"min":20,"max":200},
+    seed: {"min":0},
+  },
   Gamepad: {
     dead_zone: {"min":0,"max":0.5},
     expo: {"min":0,"max":1},

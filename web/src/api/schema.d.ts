@@ -1628,6 +1628,31 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/vehicles/{v}/futures": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Futures
+         * @description Flies a command about a hundred times in simulation, from the vehicle's present state, and says where
+         *     it may be when, how near it comes to the geofence, obstacles and other vehicles, and when it arrives.
+         *
+         *     Changes nothing and commands no vehicle; no command waits for it. A newer request of a client replaces its
+         *     older one (409), and the end of the connection ends it. What is not flown: failsafes, the geofence's
+         *     action, sticks, other commands. `assumed` says what was not known.
+         */
+        readonly post: operations["futures_api_v1_vehicles__v__futures_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/gimbal/setup": {
         readonly parameters: {
             readonly query?: never;
@@ -8090,6 +8115,269 @@ export interface components {
             readonly peak_hz: number;
         };
         /**
+         * Futures
+         * @description Many flights of one command from a vehicle's present state.
+         */
+        readonly Futures: {
+            /**
+             * Flights
+             * @description Flights.
+             */
+            readonly flights: number;
+            /**
+             * Seed
+             * @description Seed.
+             */
+            readonly seed: number;
+            /**
+             * Horizon S
+             * @description How far the flights reach [s].
+             */
+            readonly horizon_s: number;
+            /**
+             * Command
+             * @description The command, in words.
+             */
+            readonly command: string;
+            /** @description Corridor. */
+            readonly corridor: components["schemas"]["FuturesCorridor"];
+            /**
+             * Target Ned M
+             * @description Where the command leads, from `origin` [m]; null: it has no fixed target.
+             */
+            readonly target_ned_m: readonly [
+                number,
+                number,
+                number
+            ] | null;
+            /**
+             * Arrived
+             * @description Number of flights that come within 1 m of the target in this time.
+             */
+            readonly arrived: number;
+            /** @description When those do [s]; null: none does, or there is no target. */
+            readonly arrival_s: components["schemas"]["FuturesQuantiles"] | null;
+            /**
+             * Landed
+             * @description Number of flights that are on the ground at the end.
+             */
+            readonly landed: number;
+            /**
+             * Touched Ground
+             * @description Number of flights that touch the ground without a command to land.
+             */
+            readonly touched_ground: number;
+            /**
+             * Lost Control
+             * @description Number of flights that tilt by more than 80°.
+             */
+            readonly lost_control: number;
+            /**
+             * Battery Start Share
+             * @description Charge at the begin, 0 to 1; null: not known.
+             */
+            readonly battery_start_share: number | null;
+            /** @description Charge at the end, 0 to 1; null: not known, or the battery's drain is not. */
+            readonly battery_end_share: components["schemas"]["FuturesQuantiles"] | null;
+            /** @description The geofence; null: none is known. */
+            readonly fence: components["schemas"]["NearestThing"] | null;
+            /** @description The nearest known obstacle; null: none is known. */
+            readonly obstacle: components["schemas"]["NearestThing"] | null;
+            /** @description The other vehicle that comes nearest, as far as its flight is known; null: there is none. */
+            readonly vehicle: components["schemas"]["NearestThing"] | null;
+            /** @description How the flights differ. */
+            readonly spread: components["schemas"]["FuturesSpread"];
+            /**
+             * Assumed
+             * @description What was assumed of the vehicle and its command, as sentences.
+             */
+            readonly assumed: readonly string[];
+            /**
+             * Vehicle Id
+             * @description Id of the vehicle that flies.
+             */
+            readonly vehicle_id: string;
+            /**
+             * State Unix S
+             * @description Time of the state [s since 1970 UTC].
+             */
+            readonly state_unix_s: number;
+            /** @description Origin of the vehicle's local frame; null: not known. */
+            readonly origin: components["schemas"]["PlanOrigin"] | null;
+            /**
+             * Clear
+             * @description Whether no flight touches anything or loses control.
+             */
+            readonly clear: boolean;
+            /**
+             * Limited
+             * @description What the stream's limits reduce of the setpoint.
+             */
+            readonly limited: readonly string[];
+            /**
+             * Stopped
+             * @description Why the stream would stop flying the setpoint and keep the position; null: it would not.
+             */
+            readonly stopped: string | null;
+        };
+        /**
+         * FuturesCorridor
+         * @description A tube around the mean of all flights that 95 of 100 flights do not leave at any time; all lists are
+         *     equally long.
+         */
+        readonly FuturesCorridor: {
+            /**
+             * T S
+             * @description Time since the state of the vehicle from which the flights begin [s].
+             */
+            readonly t_s: readonly number[];
+            /**
+             * Position Ned M
+             * @description Mean true position, from `origin` [m].
+             */
+            readonly position_ned_m: readonly (readonly [
+                number,
+                number,
+                number
+            ])[];
+            /**
+             * Horizontal M
+             * @description Horizontal radius [m].
+             */
+            readonly horizontal_m: readonly number[];
+            /**
+             * Vertical M
+             * @description Half of the height [m].
+             */
+            readonly vertical_m: readonly number[];
+        };
+        /**
+         * FuturesQuantiles
+         * @description A value over all flights that have it.
+         */
+        readonly FuturesQuantiles: {
+            /**
+             * P5
+             * @description P5.
+             */
+            readonly p5: number;
+            /**
+             * P50
+             * @description P50.
+             */
+            readonly p50: number;
+            /**
+             * P95
+             * @description P95.
+             */
+            readonly p95: number;
+        };
+        /**
+         * FuturesRequest
+         * @description A command as its own route takes it; exactly one of `goto`, `altitude`, `mode` and `setpoint`.
+         * @example {
+         *       "goto": {
+         *         "alt_home_m": 15,
+         *         "lat_deg": 47.3982,
+         *         "lon_deg": 8.5462
+         *       }
+         *     }
+         */
+        readonly FuturesRequest: {
+            /** @description A go-to (`POST /vehicles/{v}/goto`). */
+            readonly goto?: components["schemas"]["GotoRequest"] | null;
+            /** @description A change of the altitude (`POST /vehicles/{v}/altitude`). */
+            readonly altitude?: components["schemas"]["AltitudeRequest"] | null;
+            /**
+             * Mode
+             * @description A change to this mode.
+             */
+            readonly mode?: ("hold" | "land") | null;
+            /**
+             * Setpoint
+             * @description A setpoint of the stream, renewed all the time.
+             */
+            readonly setpoint?: (components["schemas"]["PositionSetpoint"] | components["schemas"]["PositionGlobalSetpoint"] | components["schemas"]["PositionBodySetpoint"] | components["schemas"]["VelocitySetpoint"] | components["schemas"]["VelocityBodySetpoint"] | components["schemas"]["AccelerationSetpoint"] | components["schemas"]["TrajectorySetpoint"] | components["schemas"]["AttitudeSetpoint"] | components["schemas"]["RatesSetpoint"] | components["schemas"]["ThrustTorqueSetpoint"] | components["schemas"]["ActuatorsSetpoint"] | components["schemas"]["PathSetpoint"] | components["schemas"]["FollowSetpoint"] | components["schemas"]["FollowDeviceSetpoint"]) | null;
+            /**
+             * Horizon S
+             * @description How far the flights reach [s].
+             */
+            readonly horizon_s?: number;
+            /**
+             * Flights
+             * @description Number of flights.
+             */
+            readonly flights?: number;
+            /**
+             * Seed
+             * @description Seed of deviations, noise and gusts.
+             */
+            readonly seed?: number;
+            /**
+             * Obstacles
+             * @description Known obstacles, as in a plan.
+             */
+            readonly obstacles?: readonly components["schemas"]["Obstacle"][];
+        };
+        /**
+         * FuturesSpread
+         * @description Standard deviations of what is not known; the position's is the vehicle's own estimate of its error.
+         */
+        readonly FuturesSpread: {
+            /**
+             * Wind M S
+             * @description Steady wind on each horizontal axis, about the wind that is known or that the tilt of a slow vehicle
+             *     shows.
+             */
+            readonly wind_m_s: number;
+            /**
+             * Unknown Wind M S
+             * @description The same if nothing is known of the wind.
+             */
+            readonly unknown_wind_m_s: number;
+            /**
+             * Gusts M S
+             * @description Gusts: the standard deviation of a flight is drawn evenly from 0 to this.
+             */
+            readonly gusts_m_s: number;
+            /**
+             * Mass
+             * @description Mass, as a part of it; inertia grows with it.
+             */
+            readonly mass: number;
+            /**
+             * Thrust
+             * @description Thrust at full signal, as a part of it: batteries and propellers.
+             */
+            readonly thrust: number;
+            /**
+             * Inertia
+             * @description Inertia of each axis, as a part of it, besides that of the mass.
+             */
+            readonly inertia: number;
+            /**
+             * Lag
+             * @description Time constant of the motors, as a part of it.
+             */
+            readonly lag: number;
+            /**
+             * Velocity M S
+             * @description Error of the velocity estimate on each axis.
+             */
+            readonly velocity_m_s: number;
+            /**
+             * Unsettled M S2
+             * @description Acceleration on each axis that the velocity controller's integral has besides that against drag and
+             *     weight.
+             */
+            readonly unsettled_m_s2: number;
+            /**
+             * Battery
+             * @description Capacity of the battery, as a part of it.
+             */
+            readonly battery: number;
+        };
+        /**
          * Gamepad
          * @description How the page uses a gamepad for flying by stick; missing axes are those of mode 2.
          */
@@ -12675,6 +12963,42 @@ export interface components {
              * @default 2
              */
             readonly mode: number | null;
+        };
+        /**
+         * NearestThing
+         * @description The smallest distance of all flights from one kind of thing.
+         */
+        readonly NearestThing: {
+            /**
+             * Name
+             * @description Geofence, the obstacle's name or the vehicle's id.
+             */
+            readonly name: string;
+            /**
+             * Distance M
+             * @description Smallest distance of any flight [m]; negative: that far beyond the geofence.
+             */
+            readonly distance_m: number;
+            /**
+             * T S
+             * @description When it is smallest, since the begin [s].
+             */
+            readonly t_s: number;
+            /**
+             * Position Ned M
+             * @description Where the vehicle is then, from `origin` [m].
+             */
+            readonly position_ned_m: readonly [
+                number,
+                number,
+                number
+            ];
+            /**
+             * Touched
+             * @description Number of flights that touch it: they leave the geofence, or come nearer than 0.5 m to the obstacle or
+             *     2 m to the vehicle.
+             */
+            readonly touched: number;
         };
         /**
          * NewFolder
@@ -26043,6 +26367,69 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["FlightFindings"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly futures_api_v1_vehicles__v__futures_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly v: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["FuturesRequest"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Futures"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];

@@ -424,6 +424,7 @@ const COMPUTING = new Set([
   '/map_sources/wmts_layers',
   '/flights/{f}/rerun',
   '/proofs',
+  '/vehicles/{v}/futures',
   '/plans/check',
   '/plans/convert',
   '/plans/divide',

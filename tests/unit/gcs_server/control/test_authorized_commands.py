@@ -77,4 +77,5 @@ def test_commands_that_change_a_flight_are_journaled():
         "replays/change",
         "scene",
         "settings",
+        "vehicles/futures",
     }
