@@ -49,9 +49,9 @@ GENERATED_FROM := gcs_server/mavlink/px4.xml vehicle_sim/mavlink/px4.xml tools/b
 
 $(VENV)/.installed: $(VENV)/bin/python pyproject.toml hatch_build.py $(GENERATED_FROM)
 	@echo "installing the Python packages (the first time takes a minute) …"
-	@$(BIN)/pip install --quiet --disable-pip-version-check -e '.[ros2]' || \
+	@$(BIN)/pip install --quiet --disable-pip-version-check -e '.[ros2,agents]' || \
 	  { echo "no Cyclone DDS for this machine: everything but ROS 2 topics works without it"; \
-	    $(BIN)/pip install --quiet --disable-pip-version-check -e .; }
+	    $(BIN)/pip install --quiet --disable-pip-version-check -e '.[agents]'; }
 	@touch $@
 
 $(VENV)/.tested: $(VENV)/.installed

@@ -17,11 +17,14 @@ from fastapi.responses import PlainTextResponse, Response
 from fastapi.staticfiles import StaticFiles
 from starlette.datastructures import Headers
 from starlette.requests import Request
+from starlette.routing import Route
 from starlette.staticfiles import PathLike
 from starlette.types import Scope
 
-from gcs_server.api.access import Access
+from gcs_server.agents.agents import Agents
+from gcs_server.api.access import AGENTS_PATH, Access
 from gcs_server.api.admission import Admission
+from gcs_server.api.agent_calls import AgentsEndpoint, InProcessRequests
 from gcs_server.api.bodies import BodyReader
 from gcs_server.api.connections import Connections
 from gcs_server.api.guard import Guard
@@ -74,7 +77,7 @@ from gcs_server.scene.gizmo import SceneGizmo
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.process import SceneProcess
 from gcs_server.scene.terrain_watch import SceneGround
-from gcs_server.settings import Settings, token_of
+from gcs_server.settings import Settings, agent_tokens_of, token_of
 from gcs_server.simulator_process import SimulatorProcess
 from gcs_server.storage.cache import Cache
 from gcs_server.storage.folder import DataFolder
@@ -109,13 +112,15 @@ def _simulator(settings: Settings, clock: Clock, folder: DataFolder) -> Simulato
         return None
     if not settings.px4:
         command = [sys.executable, "-m", "vehicle_sim", "--instances", str(settings.sim)]
-        return SimulatorProcess(clock, [*command, *settings.sim_args], folder)
+        return SimulatorProcess(clock, [*command, *settings.sim_args], folder, count=settings.sim)
     command = [sys.executable, "-m", "gcs_server.px4_sitl", "--instances", str(settings.sim)]
     command += ["--data", str(folder.path)]
     if settings.px4_path is not None:
         command += ["--px4-path", str(settings.px4_path)]
     command += settings.sim_args
-    return SimulatorProcess(clock, command, folder, state=lambda: read_state(folder.px4_sitl))
+    return SimulatorProcess(
+        clock, command, folder, count=settings.sim, state=lambda: read_state(folder.px4_sitl)
+    )
 
 
 def _streams(settings: Settings, clock: Clock) -> Streams:
@@ -409,6 +414,10 @@ class Server:
             else:
                 log.warning("vehicle %s: %s", stopped.vehicle, error)
 
+    def is_simulators(self, address: tuple[str, int] | None) -> bool:
+        """Whether a vehicle at this address is one of the simulator that this server started."""
+        return self._simulator is not None and self._simulator.sends_from(address)
+
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
         target = self.streamer.target(vehicle_id)
         return None if target is None else OffboardTarget(*target)
@@ -508,9 +517,15 @@ def create_app(
         BodyReader, request_queue=station.request_queue, large_setpoints=station.large_setpoints
     )
     app.add_middleware(Admission, connections=connections, in_control=in_control)
-    access = Access(loopback_only=settings.loopback_only, token=token_of(settings))
+    token, agent_tokens = token_of(settings), agent_tokens_of(settings)
+    access = Access(loopback_only=settings.loopback_only, token=token, agent_tokens=agent_tokens.values())
     app.add_middleware(Guard, access=access, clock=clock)
     app.add_middleware(SecurityHeaders)  # outermost, so that refusals also have them
+    station.agents = Agents(
+        station, settings.agent_scopes, agent_tokens, settings.agent_calls_per_min, server.is_simulators
+    )
+    endpoint = AgentsEndpoint(station.agents, server.supervisor, InProcessRequests(app, token))
+    app.router.routes.append(Route(AGENTS_PATH, endpoint, methods=["POST"]))
     if server.scene is not None:
         app.include_router(server.scene.router())
     if (static / "index.html").is_file():

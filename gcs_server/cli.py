@@ -16,6 +16,7 @@ from urllib.parse import quote
 
 from gcs_server import key_command
 from gcs_server.addresses import page_urls
+from gcs_server.agents import bridge
 from gcs_server.clock import SystemClock
 from gcs_server.errors import GcsError
 from gcs_server.log_limit import LogLimit
@@ -44,6 +45,8 @@ examples:
   gcs serve --host 0.0.0.0                 allow access from other machines; prints a link with the token
   gcs key new field; gcs serve --link 'udpin://0.0.0.0:14550?key=field'     MAVLink signing
   gcs serve --guard udpin://127.0.0.1:14640              a program flies through this server's limits
+  gcs serve --agent helper=simulated       a language model may fly simulated vehicles; it starts:
+  gcs mcp --agent helper                   passes its calls to the server
   gcs replay flight.tlog --speed 2         replay a recording
   gcs test scenarios/ --out report         fly scenarios, and check what must hold
   gcs sim --help                           only the simulated PX4
@@ -65,7 +68,7 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"gcs {__version__}")
-    commands = parser.add_subparsers(dest="command", metavar="{serve,sim,px4,replay,key,test}")
+    commands = parser.add_subparsers(dest="command", metavar="{serve,sim,px4,replay,key,mcp,test}")
     serve = commands.add_parser(
         "serve",
         help="run the server (the default)",
@@ -90,6 +93,14 @@ def build_parser() -> argparse.ArgumentParser:
         help="guarded link for a program, to which the server is its vehicle: udpin://127.0.0.1:14640; its "
         "options guard=ask, vehicle, client, valid_for_s, on_expiry may follow",
     )
+    serve.add_argument(
+        "--agent",
+        dest="agents",
+        action="append",
+        metavar="NAME=SCOPE",
+        help="a language model that may call /mcp with its own token; SCOPE: read, plan, simulated or fly "
+        "(docs/how-to-give-an-agent-a-simulator.md); may be given several times",
+    )
     _add_simulation_flags(serve)
     replay = commands.add_parser(
         "replay", help="serve a recording", description="Serves a recorded tlog; nothing can be commanded."
@@ -102,6 +113,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     commands.add_parser("px4", help="run only real PX4s in simulation")
     key_command.add_flags(commands.add_parser("key", help="signing keys of MAVLink links"))
+    bridge.add_flags(commands.add_parser("mcp", help="connect an agent (Model Context Protocol)"))
     doctor.add_flags(commands.add_parser("doctor", help="find out why ROS 2 topics are empty"))
     test = commands.add_parser(
         "test",
@@ -189,6 +201,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = options.pop("command")
     if command == "key":
         return _run_and_report(lambda: key_command.run(parsed))
+    if command == "mcp":
+        return _run_and_report(lambda: bridge.run(parsed))
     if command == "doctor":
         return _run_and_report(lambda: doctor.run(parsed))
     if command == "test":
@@ -202,7 +216,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         format="%(levelname)s %(name)s: %(message)s",
         handlers=[output],
     )
-    for logger_name in ("httpx", "httpcore", "websockets", "uvicorn.access"):
+    for logger_name in ("httpx", "httpcore", "mcp", "websockets", "uvicorn.access"):
         logging.getLogger(logger_name).setLevel(logging.WARNING)
     return _run_and_report(lambda: _serve(command, options, config))
 

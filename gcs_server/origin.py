@@ -52,3 +52,9 @@ def is_same_origin(headers: Headers) -> bool:
     browsers send it."""
     origin = headers.get("origin")
     return origin is None or same_origin(origin, headers.get("host", ""))
+
+
+def bearer_token(authorization: str) -> str | None:
+    """The token in a header `Authorization`; None: it has none."""
+    scheme, _, token = authorization.partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else None

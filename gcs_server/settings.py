@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import re
 import shlex
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, cast, get_args
 
 from pydantic import (
     BaseModel,
@@ -25,9 +26,13 @@ from gcs_server.errors import InvalidRequest
 from gcs_server.storage.folder import DataFolder, default_folder
 from gcs_server.storage.token import TOKEN_RULE, is_well_formed, load_or_create_token
 
+AgentScope = Literal["read", "plan", "simulated", "fly"]
+"""What an agent may do (docs/how-to-give-an-agent-a-simulator.md); each scope includes those before it."""
+AGENT_SCOPES: tuple[AgentScope, ...] = get_args(AgentScope)
+AGENT_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,31}")
 SETTINGS_SCHEMA_VERSION = 1
 ENVIRONMENT_PREFIX = "GCS_"
-LIST_NAMES = frozenset({"links", "guards", "trusted_proxies"})
+LIST_NAMES = frozenset({"links", "guards", "agents", "trusted_proxies"})
 SECRET_NAMES = frozenset({"token"})
 
 
@@ -45,6 +50,14 @@ class Settings(BaseModel):
     )
     guards: tuple[str, ...] = Field(
         default=(), description="Guarded links of programs to open, as URLs (docs/how-to-guard-a-program.md)."
+    )
+    agents: tuple[str, ...] = Field(
+        default=(),
+        description="Agents and their scopes, as `name=read`, plan, simulated or fly "
+        "(docs/how-to-give-an-agent-a-simulator.md).",
+    )
+    agent_calls_per_min: int = Field(
+        default=120, ge=1, le=6000, description="Calls that each agent may make per minute."
     )
     sim: int = Field(default=1, ge=0, le=50, description="Number of simulated vehicles to start.")
     px4: bool = Field(
@@ -106,6 +119,28 @@ class Settings(BaseModel):
         if token is not None and not is_well_formed(token.get_secret_value()):
             raise ValueError(f"a token has {TOKEN_RULE}")
         return token
+
+    @field_validator("agents")
+    @classmethod
+    def _check_agents(cls, agents: tuple[str, ...]) -> tuple[str, ...]:
+        names: list[str] = []
+        for text in agents:
+            name, _, scope = text.partition("=")
+            if AGENT_NAME.fullmatch(name) is None or scope not in AGENT_SCOPES:
+                scopes = ", ".join(AGENT_SCOPES)
+                raise ValueError(
+                    f"an agent is name=scope: 1 to 32 of a-z 0-9 -, then one of {scopes}; not {text!r}"
+                )
+            names.append(name)
+        if len(set(names)) < len(names):
+            raise ValueError("two agents have the same name")
+        return agents
+
+    @property
+    def agent_scopes(self) -> dict[str, AgentScope]:
+        """The scope of each agent by its name."""
+        pairs = [each.partition("=") for each in self.agents]
+        return {name: cast(AgentScope, scope) for name, _, scope in pairs}
 
     @property
     def loopback_only(self) -> bool:
@@ -204,6 +239,18 @@ def load(
         if name in SECRET_NAMES:  # kept out of logs and tracebacks
             raise InvalidRequest(name, f"{source}: {first['msg']}.") from None
         raise InvalidRequest(name, f"{source}: {first['msg']} (given: {first['input']!r}).") from error
+
+
+def agent_tokens_of(settings: Settings) -> dict[str, str]:
+    """The token of each agent by its name; missing files of tokens are created.
+
+    Raises:
+        StorageError: a token's file cannot be read or created, or has no valid token.
+    """
+    folder = DataFolder(settings.data)
+    if settings.agents:
+        folder.agents.mkdir(parents=True, exist_ok=True)
+    return {name: load_or_create_token(folder.agent_token(name)) for name in settings.agent_scopes}
 
 
 def token_of(settings: Settings) -> str | None:

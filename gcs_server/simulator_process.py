@@ -100,6 +100,7 @@ class SimulatorProcess:
         folder: data folder for the log and the process id.
         probe_port: port that is in use while a simulator runs; default: the port of its first
             vehicle.
+        count: number of vehicles; each sends from the next port.
         state: reads what `px4_sitl` reports of its instances.
     """
 
@@ -110,6 +111,7 @@ class SimulatorProcess:
         folder: DataFolder,
         *,
         probe_port: int | None = None,
+        count: int = 1,
         state: Callable[[], RunnerState | None] = lambda: None,
     ) -> None:
         self._clock = clock
@@ -117,6 +119,7 @@ class SimulatorProcess:
         self._command = command
         self.state = state
         self._probe_port = first_port(command) if probe_port is None else probe_port
+        self._count = count
         self._child: subprocess.Popen[bytes] | None = None
         self._pid: int | None = None
         self._warning: str | None = None
@@ -134,6 +137,14 @@ class SimulatorProcess:
         """Process id of a simulator that this server, or its previous run, started; None: no such
         simulator."""
         return self._pid
+
+    def sends_from(self, address: tuple[str, int] | None) -> bool:
+        """Whether the vehicles of this process send from this UDP address: each has a loopback port that
+        only one process can have."""
+        if self._pid is None or address is None or not self._probe_port:
+            return False
+        host, port = address
+        return host == "127.0.0.1" and 0 <= port - self._probe_port < self._count
 
     def start(self) -> None:
         """Finds a running simulator or starts one; a failure becomes a warning."""

@@ -31,11 +31,13 @@ AREAS: tuple[tuple[str, re.Pattern[str]], ...] = (
 )
 """Catalog by path; a sentence that several have is in the first."""
 SILENT_FILES = re.compile(
+    r"/agents/(answers|bridge|documents|own_tools|protocol|tools)\.py|"
     r"/(client|examples|generated_\w+|reference|sign_in|scenarios|scene)/|/(cli|__main__|key_command|doctor|schema|sign_in_page|described|settings|"
     r"generated_dialect|palette|shapes|encodings|http_protocol|parser)\.py$|"
     r"/(exports/(foxglove|json_messages|sink|tracks)|ros2_layout)\.py$"
 )
-"""Command lines, the Python client, descriptions of the API, files for others: the page shows none."""
+"""Command lines, the Python client, descriptions of the API, what only agents read, files for others: the
+page shows none."""
 SILENT_CALLS = re.compile(
     r"Field|Query|Path|Body|Header|compile|add_argument|debug|info|warning|exception|"
     r"critical|log|startswith|endswith|split|rsplit|removeprefix|"

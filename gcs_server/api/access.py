@@ -19,10 +19,12 @@ from urllib.parse import parse_qsl, quote, urlencode
 
 from starlette.datastructures import Headers
 
-from gcs_server.origin import host_name, is_loopback, same_origin
+from gcs_server.origin import bearer_token, host_name, is_loopback, same_origin
 
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 SIGN_IN_PATH = "/sign-in"
+AGENTS_PATH = "/mcp"
+"""Where agents call; their tokens are accepted only there."""
 TOKEN_FIELD = "token"
 _MAX_QUERY_FIELDS = 64
 _LEADING_SEPARATORS = "/\\ \t\r\n"
@@ -107,11 +109,13 @@ class Access:
     Args:
         loopback_only: whether the server is bound to loopback; it then accepts only this machine's own names.
         token: the token that a caller needs; None if no token is required.
+        agent_tokens: tokens of agents, which are no tokens of this server.
     """
 
-    def __init__(self, *, loopback_only: bool, token: str | None) -> None:
+    def __init__(self, *, loopback_only: bool, token: str | None, agent_tokens: Iterable[str] = ()) -> None:
         self.loopback_only = loopback_only
         self.token = token
+        self._agent_tokens = [_to_bytes(each) for each in agent_tokens]
         key = (token or "").encode()
         # The cookie is derived from the token, so that a leaked cookie does not reveal the token. Its name is
         # derived too, because browsers do not separate cookies of two servers on one machine by port.
@@ -121,8 +125,15 @@ class Access:
     def decide(self, head: RequestHead) -> AccessDecision:
         """Whether a request is allowed, or the response to it."""
         refusal = self._refuse_wrong_host(head) or self._refuse_foreign_page(head)
-        if refusal is not None or self.token is None:
+        if refusal is not None:
             return refusal
+        sent = bearer_token(head.headers.get("authorization", ""))
+        if sent is not None and self._is_agents(sent):
+            return None if head.path == AGENTS_PATH else _agent_refusal()
+        if self.token is None:
+            # A mistyped token would otherwise be that of an unnamed agent, which only reads.
+            is_wrong = head.path == AGENTS_PATH and sent is not None
+            return token_refusal("This is not the token of an agent.", wrong_token=True) if is_wrong else None
         if head.path == SIGN_IN_PATH and head.method == "POST":
             return FormSent()
         if head.method in ("GET", "HEAD") and (link_token := token_in_query(head.query)) is not None:
@@ -170,10 +181,13 @@ class Access:
             return _foreign_page_refusal(f"A page of {origins[0][:200]!r}")
         return None
 
+    def _is_agents(self, token: str) -> bool:
+        return any([hmac.compare_digest(_to_bytes(token), known) for known in self._agent_tokens])
+
     def _refuse_without_token(self, head: RequestHead) -> Refusal | None:
-        scheme, _, token = head.headers.get("authorization", "").partition(" ")
-        if scheme.lower() == "bearer":
-            if self.is_token(token.strip()):
+        token = bearer_token(head.headers.get("authorization", ""))
+        if token is not None:
+            if self.is_token(token):
                 return None
             return token_refusal("The token is not valid.", wrong_token=True)
         if not self._has_cookie(head):
@@ -204,6 +218,16 @@ def token_refusal(detail: str, *, wrong_token: bool = False) -> Refusal:
         detail,
         _TOKEN_REMEDY,
         wrong_token,
+    )
+
+
+def _agent_refusal() -> Refusal:
+    return Refusal(
+        403,
+        "agent_token",
+        "Forbidden",
+        f"The token of an agent is accepted only at {AGENTS_PATH}.",
+        "Agents use their tools; programs send the server's own token.",
     )
 
 

@@ -10,6 +10,7 @@ from typing import Annotated
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from gcs_server.agents.agents import Agents
 from gcs_server.api.request_queue import LargeSetpoints, RequestQueue
 from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
@@ -75,6 +76,8 @@ class Station:
     log_streams: LogStreams = field(init=False)
     guards: Guards = field(init=False)
     """The guarded links of programs."""
+    agents: Agents = field(init=False)
+    """Language models that call this server over MCP."""
     request_queue: RequestQueue = field(init=False)
     large_setpoints: LargeSetpoints = field(init=False)
     has_scene: bool = False

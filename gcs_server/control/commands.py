@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from gcs_server.errors import InvalidRequest
+from gcs_server.settings import AgentScope
 
 API = "/api/v1"
 
@@ -62,6 +63,16 @@ class Command:
     label: str = ""
     """Label of the command in the message to the client in control."""
     acts: Acts = "no"
+    agent: AgentScope | None = None
+    """The least scope with which an agent gets the command as a tool; None: no agent gets it."""
+    agent_calls: tuple[str, ...] = ()
+    """Those of `calls` that are tools; empty: the first one."""
+
+    def full_agent_calls(self) -> tuple[str, ...]:
+        """`METHOD /path` of the calls that are tools of agents."""
+        if self.agent is None:
+            return ()
+        return tuple(_full(call) for call in self.agent_calls or self.calls[:1])
 
     def full_calls(self) -> tuple[str, ...]:
         """`METHOD /path` of the application."""
@@ -78,6 +89,7 @@ class Command:
             "confirm": self.confirm_text,
             "journaled": self.journaled,
             "acts": self.acts,
+            "agent": self.agent,
         }
 
     def confirmation_text(self, **names: str) -> str:
@@ -108,8 +120,9 @@ def _full(call: str) -> str:
     return f"{method} {path[1:]}" if path.startswith("//") else f"{method} {API}{path}"
 
 
-def _view(name: str, *calls: str) -> Command:
-    return Command(name, "view", calls, journaled=False)
+def _view(name: str, *calls: str, tools: tuple[str, ...] = ()) -> Command:
+    """`tools`: those of the calls that agents have."""
+    return Command(name, "view", calls, journaled=False, agent="read" if tools else None, agent_calls=tools)
 
 
 def _flight(
@@ -119,11 +132,18 @@ def _flight(
     confirmed: bool = False,
     confirm_text: str | None = None,
     acts: Acts = "moves",
+    agent: AgentScope | None = None,
 ) -> Command:
-    return Command(name, "fly", calls, "lease", vehicles, confirmed, confirm_text, acts=acts)
+    return Command(name, "fly", calls, "lease", vehicles, confirmed, confirm_text, acts=acts, agent=agent)
 
 
-def _stop(name: str, label: str, *calls: str, confirm_text: str | None = None) -> Command:
+def _stop(
+    name: str,
+    label: str,
+    *calls: str,
+    confirm_text: str | None = None,
+    agent: AgentScope | None = None,
+) -> Command:
     return Command(
         name,
         "stop",
@@ -134,6 +154,7 @@ def _stop(name: str, label: str, *calls: str, confirm_text: str | None = None) -
         confirm_text=confirm_text,
         label=label,
         acts="stops",
+        agent=agent,
     )
 
 
@@ -147,26 +168,39 @@ def _configuration(name: str, call: str) -> Command:
     return Command(name, "configure", (call,), "lease", "the vehicle")
 
 
-def _control(action: str, *other_calls: str, confirmed: bool = False, journaled: bool = True) -> Command:
+def _control(
+    action: str,
+    *other_calls: str,
+    confirmed: bool = False,
+    journaled: bool = True,
+    agent: AgentScope | None = None,
+) -> Command:
     calls = (f"POST /vehicles/{{v}}/control/{action}", *other_calls)
     return Command(
-        f"control/{action}", "control", calls, "changes", "the vehicle", confirmed, journaled=journaled
+        f"control/{action}",
+        "control",
+        calls,
+        "changes",
+        "the vehicle",
+        confirmed,
+        journaled=journaled,
+        agent=agent,
     )
 
 
 ALL: tuple[Command, ...] = (
     # flying
-    _flight("arm", "POST /vehicles/{v}/arm", confirmed=True),
-    _flight("disarm", "POST /vehicles/{v}/disarm", confirmed=True, acts="stops"),
-    _flight("takeoff", "POST /vehicles/{v}/takeoff", confirmed=True),
-    _flight("land", "POST /vehicles/{v}/land", confirmed=True, acts="stops"),
-    _flight("rtl", "POST /vehicles/{v}/rtl", confirmed=True, acts="stops"),
+    _flight("arm", "POST /vehicles/{v}/arm", confirmed=True, agent="simulated"),
+    _flight("disarm", "POST /vehicles/{v}/disarm", confirmed=True, acts="stops", agent="simulated"),
+    _flight("takeoff", "POST /vehicles/{v}/takeoff", confirmed=True, agent="simulated"),
+    _flight("land", "POST /vehicles/{v}/land", confirmed=True, acts="stops", agent="simulated"),
+    _flight("rtl", "POST /vehicles/{v}/rtl", confirmed=True, acts="stops", agent="simulated"),
     _flight("mode", "POST /vehicles/{v}/mode"),
-    _flight("goto", "POST /vehicles/{v}/goto", confirmed=True),
-    _flight("altitude", "POST /vehicles/{v}/altitude", confirmed=True),
-    _flight("heading", "POST /vehicles/{v}/heading", confirmed=True),
-    _flight("speed", "POST /vehicles/{v}/speed", confirmed=True),
-    _flight("orbit", "POST /vehicles/{v}/orbit", confirmed=True),
+    _flight("goto", "POST /vehicles/{v}/goto", confirmed=True, agent="simulated"),
+    _flight("altitude", "POST /vehicles/{v}/altitude", confirmed=True, agent="simulated"),
+    _flight("heading", "POST /vehicles/{v}/heading", confirmed=True, agent="simulated"),
+    _flight("speed", "POST /vehicles/{v}/speed", confirmed=True, agent="simulated"),
+    _flight("orbit", "POST /vehicles/{v}/orbit", confirmed=True, agent="simulated"),
     _flight("home", "POST /vehicles/{v}/home", confirmed=True, acts="no"),
     _flight("autotune/start", "POST /vehicles/{v}/autotune", confirmed=True),
     _flight(
@@ -174,6 +208,7 @@ ALL: tuple[Command, ...] = (
         "POST /vehicles/{v}/mission/upload",
         confirmed=True,
         acts="no",
+        agent="simulated",
     ),
     _flight(
         "mission/clear",
@@ -182,9 +217,9 @@ ALL: tuple[Command, ...] = (
         confirm_text="vehicle {vehicle} loses the mission that it flies",
         acts="no",
     ),
-    _flight("mission/start", "POST /vehicles/{v}/mission/start", confirmed=True),
-    _flight("mission/resume", "POST /vehicles/{v}/mission/resume", confirmed=True),
-    _flight("offboard/start", "POST /vehicles/{v}/offboard/start", confirmed=True),
+    _flight("mission/start", "POST /vehicles/{v}/mission/start", confirmed=True, agent="simulated"),
+    _flight("mission/resume", "POST /vehicles/{v}/mission/resume", confirmed=True, agent="simulated"),
+    _flight("offboard/start", "POST /vehicles/{v}/offboard/start", confirmed=True, agent="simulated"),
     _flight(
         "offboard/setpoint",
         "POST /vehicles/{v}/offboard/setpoint",
@@ -193,6 +228,7 @@ ALL: tuple[Command, ...] = (
         "POST /groups/{g}/setpoints",
         vehicles="the vehicle, every member of the group",
         acts="no",
+        agent="simulated",
     ),
     _flight(
         "manual_control",
@@ -200,7 +236,7 @@ ALL: tuple[Command, ...] = (
         "WS /vehicles/{v}/manual_control/stream sticks",
         acts="no",
     ),
-    _flight("offboard/stop", "POST /vehicles/{v}/offboard/stop", acts="stops"),
+    _flight("offboard/stop", "POST /vehicles/{v}/offboard/stop", acts="stops", agent="simulated"),
     _flight("offboard/avoidance", "PUT /vehicles/{v}/offboard/avoidance", acts="no"),
     _flight(
         "offboard_mission/start",
@@ -208,12 +244,14 @@ ALL: tuple[Command, ...] = (
         "POST /offboard_missions/start",
         vehicles=ALL_OF_MISSION,
         confirmed=True,
+        agent="simulated",
     ),
     _flight(
         "offboard_mission/pause",
         "POST /vehicles/{v}/offboard_mission/pause",
         vehicles=ALL_OF_MISSION,
         acts="stops",
+        agent="simulated",
     ),
     _flight(
         "offboard_mission/resume",
@@ -234,14 +272,23 @@ ALL: tuple[Command, ...] = (
         vehicles=ALL_OF_MISSION,
         confirmed=True,
         acts="stops",
+        agent="simulated",
     ),
     _flight("mission_modes/register", "POST /vehicles/{v}/mission_modes/register", acts="no"),
     _flight("mission_modes/unregister", "POST /vehicles/{v}/mission_modes/unregister", acts="no"),
     _flight("group/start", "POST /groups", vehicles="every member", confirmed=True),
     # allowed to all clients: anyone who sees a danger may stop a vehicle
-    _stop("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
+    _stop(
+        "hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold", agent="simulated"
+    ),
     _stop("autotune/end", "End autotune", "DELETE /vehicles/{v}/autotune"),
-    _stop("land_now", "Land now", "POST /vehicles/{v}/land_now", confirm_text="vehicle {vehicle} lands now"),
+    _stop(
+        "land_now",
+        "Land now",
+        "POST /vehicles/{v}/land_now",
+        confirm_text="vehicle {vehicle} lands now",
+        agent="simulated",
+    ),
     _stop(
         "kill", "Stop motors", "POST /vehicles/{v}/kill", confirm_text="motors stop, vehicle {vehicle} falls"
     ),
@@ -326,11 +373,11 @@ ALL: tuple[Command, ...] = (
     Command("files/make_folder", "fly", ("POST /vehicles/{v}/files/make_folder",), "lease", "the vehicle"),
     Command("files/get", "configure", ("POST /vehicles/{v}/files/get",), "not_anothers", "the vehicle"),
     # control
-    _control("take", confirmed=True),
-    _control("request"),
+    _control("take", confirmed=True, agent="simulated"),
+    _control("request", agent="simulated"),
     _control("grant"),
     _control("deny"),
-    _control("release", "POST /me/leave"),
+    _control("release", "POST /me/leave", agent="simulated"),
     _control("renew", journaled=False),
     # the station
     Command(
@@ -345,6 +392,7 @@ ALL: tuple[Command, ...] = (
         confirm_text="link {link} closes, vehicle {vehicles} in flight loses its last link",
     ),
     Command("guards/resume", "control", ("POST /guards/{name}/resume",)),
+    Command("agents/resume", "control", ("POST /agents/{name}/resume",), vehicles="the vehicle"),
     Command("vehicles/remove", "station", ("DELETE /vehicles/{v}",), "not_anothers", "the vehicle"),
     Command("maps/choose", "station", ("PUT /map_sources/chosen",)),
     Command("maps/add_source", "station", ("POST /map_sources",)),
@@ -376,12 +424,12 @@ ALL: tuple[Command, ...] = (
         confirm_text="flight {flight} is deleted",
     ),
     # plans
-    Command("plans/create", "plan", ("POST /plans",)),
-    Command("plans/save", "plan", ("PUT /plans/{plan}",)),
+    Command("plans/create", "plan", ("POST /plans",), agent="plan"),
+    Command("plans/save", "plan", ("PUT /plans/{plan}",), agent="plan"),
     Command("plans/delete", "plan", ("DELETE /plans/{plan}",)),
     Command("model/keep", "plan", ("PUT /vehicles/{v}/model",)),
     Command("model/forget", "plan", ("DELETE /vehicles/{v}/model",)),
-    Command("dry_runs/start", "plan", ("POST /dry_runs",)),
+    Command("dry_runs/start", "plan", ("POST /dry_runs",), agent="plan"),
     Command("proofs/start", "plan", ("POST /proofs",)),
     # operations
     Command(
@@ -430,6 +478,17 @@ ALL: tuple[Command, ...] = (
         "GET /vehicles/{v}/autotune",
         "GET /groups",
         "GET /groups/{g}",
+        tools=(
+            "GET /vehicles",
+            "GET /vehicles/{v}",
+            "GET /vehicles/{v}/messages",
+            "GET /vehicles/{v}/control",
+            "GET /vehicles/{v}/readiness",
+            "GET /vehicles/{v}/mission",
+            "GET /vehicles/{v}/offboard",
+            "GET /vehicles/{v}/offboard_mission",
+            "GET /vehicles/{v}/params/{name}",
+        ),
     ),
     _view("files/list", "POST /vehicles/{v}/files/list"),
     _view("param_changes/review", "POST /vehicles/{v}/param_changes/review"),
@@ -452,10 +511,21 @@ ALL: tuple[Command, ...] = (
         "GET /dry_runs/{d}",
         "GET /proofs/{p}",
         "POST /vehicles/{v}/mission/compare",
+        tools=(
+            "GET /plans",
+            "GET /plans/{plan}",
+            "POST /plans/check",
+            "GET /dry_runs/{d}",
+        ),
     ),
     _view("flights/rerun", "POST /flights/{f}/rerun"),
-    _view("vehicles/futures", "POST /vehicles/{v}/futures"),
-    _view("operations", "GET /operations", "GET /operations/{o}"),
+    _view("vehicles/futures", "POST /vehicles/{v}/futures", tools=("POST /vehicles/{v}/futures",)),
+    _view(
+        "operations",
+        "GET /operations",
+        "GET /operations/{o}",
+        tools=("GET /operations", "GET /operations/{o}"),
+    ),
     _view("telemetry", "WS /telemetry", "WS /telemetry subscribe"),
     _view(
         "recordings",
@@ -477,6 +547,11 @@ ALL: tuple[Command, ...] = (
         "GET /flights/{f}/findings",
         "GET /flights/{f}/table",
         "GET /flights/{f}/export",
+        tools=(
+            "GET /flights",
+            "GET /flights/{f}",
+            "GET /flights/{f}/findings",
+        ),
     ),
     _view(
         "maps",
@@ -501,8 +576,13 @@ ALL: tuple[Command, ...] = (
         "GET /links",
         "GET /guards",
         "GET /guards/table",
+        "GET /agents",
         "GET /journal",
         "GET /me",
+        tools=(
+            "GET /warnings",
+            "GET /journal",
+        ),
     ),
     _view(
         "scene",
@@ -528,6 +608,8 @@ ALL: tuple[Command, ...] = (
         ),
         journaled=False,
     ),
+    # each call of a tool has its own line in the journal
+    Command("agents/call", None, ("POST //mcp",), journaled=False),
 )
 
 BY_NAME: dict[str, Command] = {command.name: command for command in ALL}
@@ -535,11 +617,18 @@ BY_CALL: dict[str, Command] = {call: command for command in ALL for call in comm
 """Commands by `METHOD /path`, with the names of the path's variables."""
 
 
+def _agent_calls_text(command: Command) -> str:
+    if not command.agent_calls:
+        return ""
+    return ": " + ", ".join(f"`{call}`" for call in command.agent_calls)
+
+
 def table() -> str:
     """The rows as Markdown, for `docs/authority.md`."""
     lines = [
-        "| command | calls | permission | control | of | confirmed on the page | `confirm` | journal |",
-        "|---|---|---|---|---|---|---|---|",
+        "| command | calls | permission | control | of | confirmed on the page | `confirm` | journal "
+        "| agents |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for c in ALL:
         cells = (
@@ -551,6 +640,7 @@ def table() -> str:
             "yes" if c.confirmed else "no",
             f"`{c.confirm_text}`" if c.confirm_text is not None else "–",
             "yes" if c.journaled else "no",
+            f"`{c.agent}`{_agent_calls_text(c)}" if c.agent is not None else "–",
         )
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"

@@ -40,6 +40,7 @@ MAX_REPEATS = 500
 RETRY_S = 5.0
 NOT_SENT = frozenset(
     {
+        "read",
         "invalid_request",
         "refused",
         "not_verified",
@@ -52,7 +53,7 @@ NOT_SENT = frozenset(
         "unknown_recording",
     }
 )
-"""Result codes of commands that were refused before anything was sent."""
+"""Result codes of commands that were refused before anything was sent, and of what agents only read."""
 
 
 @dataclass(frozen=True, slots=True)

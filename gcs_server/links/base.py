@@ -196,6 +196,8 @@ class Link(ABC):
     """The signing key; None: frames are not signed, and signatures are not checked."""
     guard: GuardOptions | None = None
     """Set if programs are connected over the link, to which this server is their vehicle."""
+    simulated = False
+    """Whether the operator says that only simulated vehicles are connected over the link."""
     suppresses_events = False
     """True while received frames only restore a vehicle's state and publish no events."""
 

@@ -15,7 +15,9 @@ vehicle; its options are `vehicle`, `client`, `valid_for_s`, `same_for_s` and `o
 With `forward=1`, on any link except a recording, the link leads to another ground station: messages are
 forwarded between that station and the vehicles. With `key=NAME`, on any link except a recording, sent frames
 are signed and received frames are checked with that key (docs/links.md). `signing=required` (the default)
-refuses unsigned frames, `signing=allowed` accepts them.
+refuses unsigned frames, `signing=allowed` accepts them. With `simulated=1` the operator says that only
+simulated vehicles are connected over the link, which agents may then fly
+(docs/how-to-give-an-agent-a-simulator.md).
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ from gcs_server.links.udp import UdpLink
 
 LOOPBACK = "127.0.0.1"
 GUARD_OPTIONS = frozenset({"guard", "vehicle", "client", "valid_for_s", "on_expiry", "same_for_s"})
-LIVE_OPTIONS = frozenset({"forward", "key", "signing"}) | GUARD_OPTIONS
+LIVE_OPTIONS = frozenset({"forward", "key", "signing", "simulated"}) | GUARD_OPTIONS
 """Options of all links except recordings."""
 GUARD_CONTROL = ("ask", "free", "read")
 GUARD_ACTIONS = ("hold", "land", "stop_stream")
@@ -70,6 +72,7 @@ def make_link(
     link = _link(url, name, other_kinds)
     link.signing = _signing(url)
     link.guard = _guard(url, link)
+    link.simulated = _parse_flag(url, "simulated", _options(urlsplit(url).query).get("simulated", "0"))
     return link
 
 
@@ -93,7 +96,7 @@ def _link(url: str, name: str | None, other_kinds: Mapping[str, LinkMaker]) -> L
     allowed = {"baud", *LIVE_OPTIONS} if kind == "serial" else LIVE_OPTIONS
     for key in options.keys() - allowed:
         raise InvalidRequest("url", f"{url!r}: {kind} links have no option {key!r}.", remedy=REMEDY)
-    forward = _parse_flag(url, options.get("forward", "0"))
+    forward = _parse_flag(url, "forward", options.get("forward", "0"))
     if kind == "serial":
         if not parts.path.startswith("/"):
             raise InvalidRequest("url", f"{url!r} has no device.", remedy=REMEDY)
@@ -184,9 +187,9 @@ def guarded(url: str) -> str:
     return f"{url}{'&' if '?' in url else '?'}guard={GUARD_CONTROL[0]}"
 
 
-def _parse_flag(url: str, text: str) -> bool:
+def _parse_flag(url: str, name: str, text: str) -> bool:
     if text not in ("0", "1"):
-        raise InvalidRequest("url", f"{url!r}: forward must be 0 or 1.")
+        raise InvalidRequest("url", f"{url!r}: {name} must be 0 or 1.")
     return text == "1"
 
 

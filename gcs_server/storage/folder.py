@@ -48,6 +48,15 @@ class DataFolder:
         return self.path / "token"
 
     @property
+    def agents(self) -> Path:
+        """Folder of the agents' tokens; readable by its owner only."""
+        return self.path / "agents"
+
+    def agent_token(self, name: str) -> Path:
+        """File of an agent's token."""
+        return self.agents / f"{name}.token"
+
+    @property
     def signing(self) -> Path:
         """Folder of MAVLink signing keys and timestamps; readable by its owner only."""
         return self.path / "signing"

@@ -27,11 +27,18 @@ def load_or_create_token(file: Path) -> str:
     Raises:
         StorageError: the file cannot be read or created, or has no valid token.
     """
+    return load_token(file) if file.exists() else _create(file)
+
+
+def load_token(file: Path) -> str:
+    """The token in `file`.
+
+    Raises:
+        StorageError: the file cannot be read, or has no valid token.
+    """
     try:
         with file.open(encoding="utf-8") as stream:
             token = stream.read(_MAX_FILE_LENGTH).strip()
-    except FileNotFoundError:
-        return _create(file)
     except (OSError, UnicodeDecodeError) as error:
         raise _unusable_file(file, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not is_well_formed(token):

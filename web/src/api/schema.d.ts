@@ -208,6 +208,48 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/agents": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        /**
+         * List Agents
+         * @description The agents: scope, what each called, controls and was refused. They are named with `gcs serve --agent
+         *     NAME=SCOPE` (docs/how-to-give-an-agent-a-simulator.md) and call at `/mcp`.
+         */
+        readonly get: operations["list_agents_api_v1_agents_get"];
+        readonly put?: never;
+        readonly post?: never;
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/agents/{name}/resume": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Resume Agent
+         * @description Lets an agent command a vehicle again after another client, the pilot or another station has commanded
+         *     it. Nothing is sent to the vehicle.
+         */
+        readonly post: operations["resume_agent_api_v1_agents__name__resume_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/autotune": {
         readonly parameters: {
             readonly query?: never;
@@ -4079,6 +4121,85 @@ export interface components {
             readonly landed: {
                 readonly [key: string]: components["schemas"]["LandedLogView"];
             };
+        };
+        /**
+         * Agent
+         * @description An agent, and what it does.
+         */
+        readonly Agent: {
+            /**
+             * Name
+             * @description Its name; `unnamed`: all that sent no token of an agent.
+             */
+            readonly name: string;
+            /**
+             * Scope
+             * @description read, plan, simulated or fly (docs/how-to-give-an-agent-a-simulator.md).
+             */
+            readonly scope: string;
+            /**
+             * Client
+             * @description Its name as a client, in the journal and when it has control.
+             */
+            readonly client: string;
+            /**
+             * Client Key
+             * @description Key of this client.
+             */
+            readonly client_key: string;
+            /**
+             * Calls
+             * @description Calls since the server's start.
+             */
+            readonly calls: number;
+            /**
+             * Refused
+             * @description Calls that were refused.
+             */
+            readonly refused: number;
+            /**
+             * Last Call Unix S
+             * @description When it last called [s since 1970 UTC]; null: never.
+             */
+            readonly last_call_unix_s: number | null;
+            /**
+             * Last Tool
+             * @description The tool that it called last; null: none.
+             */
+            readonly last_tool: string | null;
+            /**
+             * Max Calls Per Min
+             * @description Calls per minute that it may make.
+             */
+            readonly max_calls_per_min: number;
+            /**
+             * Controls
+             * @description Vehicles that it controls.
+             */
+            readonly controls: readonly string[];
+            /**
+             * Paused
+             * @description Who has overruled it, by vehicle: its commands are refused until a person lets it continue.
+             */
+            readonly paused: {
+                readonly [key: string]: string;
+            };
+            /**
+             * Refusals
+             * @description What it was refused, newest first.
+             */
+            readonly refusals: readonly components["schemas"]["ProgramRefusal"][];
+        };
+        /**
+         * AgentList
+         * @description All agents.
+         */
+        readonly AgentList: {
+            /**
+             * Agents
+             * @description The named agents, and the unnamed ones together once they have called.
+             */
+            readonly agents: readonly components["schemas"]["Agent"][];
         };
         /**
          * Altitude
@@ -17006,6 +17127,17 @@ export interface components {
             readonly confirm: string;
         };
         /**
+         * ResumeAgent
+         * @description Lets an agent command a vehicle again.
+         */
+        readonly ResumeAgent: {
+            /**
+             * Vehicle
+             * @description Id of the vehicle.
+             */
+            readonly vehicle: string;
+        };
+        /**
          * ResumeOffer
          * @description Where an interrupted flight of the plan on the vehicle can be resumed: `POST …/mission/start` with
          *     `item` and `mission_id`.
@@ -21951,6 +22083,126 @@ export interface operations {
                     readonly [name: string]: unknown;
                 };
                 content?: never;
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly list_agents_api_v1_agents_get: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["AgentList"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly resume_agent_api_v1_agents__name__resume_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly name: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody: {
+            readonly content: {
+                readonly "application/json": components["schemas"]["ResumeAgent"];
+            };
+        };
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["Agent"];
+                };
             };
             readonly 400: components["responses"]["Refused400"];
             readonly 401: components["responses"]["Refused401"];
