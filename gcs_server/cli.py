@@ -85,22 +85,7 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="URL",
         help="link to open instead of udpin://127.0.0.1:14550; may be given several times",
     )
-    serve.add_argument(
-        "--guard",
-        dest="guards",
-        action="append",
-        metavar="URL",
-        help="guarded link for a program, to which the server is its vehicle: udpin://127.0.0.1:14640; its "
-        "options guard=ask, vehicle, client, valid_for_s, on_expiry may follow",
-    )
-    serve.add_argument(
-        "--agent",
-        dest="agents",
-        action="append",
-        metavar="NAME=SCOPE",
-        help="a language model that may call /mcp with its own token; SCOPE: read, plan, simulated or fly "
-        "(docs/how-to-give-an-agent-a-simulator.md); may be given several times",
-    )
+    _add_program_flags(serve)
     _add_simulation_flags(serve)
     replay = commands.add_parser(
         "replay", help="serve a recording", description="Serves a recorded tlog; nothing can be commanded."
@@ -156,6 +141,25 @@ def _add_server_flags(parser: argparse.ArgumentParser) -> None:
         help="size of all recordings and logs; then the oldest go (20)",
     )
     parser.add_argument("--verbose", action="store_true", help="log more")
+
+
+def _add_program_flags(serve: argparse.ArgumentParser) -> None:
+    serve.add_argument(
+        "--guard",
+        dest="guards",
+        action="append",
+        metavar="URL",
+        help="guarded link for a program, to which the server is its vehicle: udpin://127.0.0.1:14640; its "
+        "options guard=ask, vehicle, client, valid_for_s, on_expiry may follow",
+    )
+    serve.add_argument(
+        "--agent",
+        dest="agents",
+        action="append",
+        metavar="NAME=SCOPE",
+        help="a language model that may call /mcp with its own token; SCOPE: read, plan, simulated or fly "
+        "(docs/how-to-give-an-agent-a-simulator.md); may be given several times",
+    )
 
 
 def _add_simulation_flags(serve: argparse.ArgumentParser) -> None:
