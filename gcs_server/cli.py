@@ -149,8 +149,8 @@ def _add_program_flags(serve: argparse.ArgumentParser) -> None:
         dest="guards",
         action="append",
         metavar="URL",
-        help="guarded link for a program, to which the server is its vehicle: udpin://127.0.0.1:14640; its "
-        "options guard=ask, vehicle, client, valid_for_s, on_expiry may follow",
+        help="guarded link for a program, to which the server is its vehicle: udpin://127.0.0.1:14640, "
+        "ros2://3; its options guard=ask, vehicle, client, valid_for_s, on_expiry may follow",
     )
     serve.add_argument(
         "--agent",

@@ -32,22 +32,23 @@ class GuardList(BaseModel):
 
 
 class GuardRule(BaseModel):
-    """What becomes of one message or command of a program."""
+    """What becomes of one message, command or topic of a program."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    name: str = Field(description="The message, or the MAV_CMD.")
+    name: str = Field(description="The message, the MAV_CMD, or the ROS 2 topic.")
     way: str = Field(
         description="read: passed. command: needs control as `row` says, passed and journaled. input: the "
-        "same, with one line of the journal for many. part: of a command that was admitted. setpoint: "
-        "becomes a setpoint of the server's stream. kept: used by the guard. refused: neither."
+        "same, with one line of the journal for many. sensor: passed without control. part: of a command "
+        "that was admitted. setpoint: becomes a setpoint of the server's stream. kept: used by the guard. "
+        "refused: neither."
     )
     row: str | None = Field(description="Command of docs/authority.md whose requirements apply.")
     why: str | None = Field(description="Why it is kept or refused, or what of it.")
 
 
 class GuardTable(BaseModel):
-    """What becomes of each message and command of a program."""
+    """What becomes of each message, command and topic of a program."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -55,6 +56,7 @@ class GuardTable(BaseModel):
     commands: list[GuardRule] = Field(
         description="Commands in COMMAND_LONG and COMMAND_INT; others need control and are passed."
     )
+    topics: list[GuardRule] = Field(description="Topics of ROS 2 programs; others are not passed.")
 
 
 @router.get("", response_model=GuardList)

@@ -11,7 +11,7 @@ from gcs_server.control.commands import BY_NAME
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
 from gcs_server.guard import replies, table
 from gcs_server.guard.ends import Ends
-from gcs_server.guard.flight import ProgramFlight
+from gcs_server.guard.flight import START, ProgramFlight
 from gcs_server.guard.program import Pending, Program
 from gcs_server.guard.rates import ArrivingRates
 from gcs_server.guard.table import Rule
@@ -28,6 +28,8 @@ PROGRESS_S: Final = 30.0
 """Wait for the vehicle's answer to a command, and for the next one after an answer *in progress* [s]."""
 MAX_PENDING: Final = 20
 """Commands of a program that wait for the vehicle's answer at the same time."""
+COMMANDS_OVER_ROS2: Final = (d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT)
+"""Messages that a vehicle which is connected over ROS 2 only gets, too."""
 LINE_S: Final = 10.0
 """Period of the journal's lines about inputs that are sent many times a second [s]."""
 
@@ -48,7 +50,7 @@ class ProgramCommands:
         """Handles one message of a program."""
         name = NAMES.get(frame.msg_id, f"message {frame.msg_id}")
         rule = table.MESSAGES.get(name, table.NOT_PASSED) if frame.known else table.NOT_PASSED
-        if frame.msg_id in (d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT):
+        if frame.msg_id in COMMANDS_OVER_ROS2:
             self._command(program, frame, vehicle)
         elif frame.msg_id == d.MAVLINK_MSG_ID_SET_MODE:
             message: Any = decode(frame)
@@ -104,6 +106,11 @@ class ProgramCommands:
             return
         payload = full_payload(frame)
         key = (frame.msg_id, payload[: replies.CONFIRMATION_OFFSET])
+        if rule.row == "arm" and START in program.pending:
+            # Programs ask for both at once; to PX4 they are two, here the second would interrupt the first.
+            program.after_start[key] = lambda: self._execute(program, frame, vehicle, rule, what, mode)
+            self._ends.acknowledge(program, frame, d.MAV_RESULT_IN_PROGRESS)
+            return
         pending = program.pending.get(key)
         if pending is not None:  # sent again, as the protocol wants
             if pending.ticket is None or pending.ticket.reason is None:
@@ -164,7 +171,8 @@ class ProgramCommands:
             )
         )
         try:
-            vehicle.require("raw_messages")
+            if message.get_msgId() not in COMMANDS_OVER_ROS2:
+                vehicle.require("raw_messages")
             if BY_NAME[row].acts == "no":
                 return None
             begin = vehicle.command.begin(

@@ -255,6 +255,9 @@ class ProgramFlight:
             if late is not None:
                 late.cancel()
             program.pending.pop(START, None)
+            waiting, program.after_start = list(program.after_start.values()), {}
+            for execute in waiting:
+                execute()
 
     def _fresh_setpoint(self, program: Program) -> Setpoint:
         reason = self._stale(program)

@@ -30,8 +30,9 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, decode, full_payload, payload_byte
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.tables import TARGET_SYSTEM_OFFSET
+from gcs_server.ros2.guard_link import Ros2GuardLink
 from gcs_server.supervise import Supervisor
-from gcs_server.vehicle.endpoint import Endpoint
+from gcs_server.vehicle.endpoint import Endpoint, dds_address
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.vehicle import Vehicle
 
@@ -100,6 +101,10 @@ class Guard:
         self._endpoint: Endpoint | None = None
         self._endpoint_s = float("-inf")
         self._renewed_s = float("-inf")
+        self._ros2 = connection.link if isinstance(connection.link, Ros2GuardLink) else None
+        """The link, if its programs have the vehicle's own topics, so that only answers are sent to them."""
+        if self._ros2 is not None:
+            self._ros2.on_refused = self._refuse_topic
 
     # --- the vehicle ----------------------------------------------------------------------------
 
@@ -152,6 +157,8 @@ class Guard:
                 return  # the same message has come, or will come, over the other link
             self._endpoint = endpoint
         self._endpoint_s = now_s
+        if self._ros2 is not None and frame.msg_id != d.MAVLINK_MSG_ID_COMMAND_ACK:
+            return
         if frame.component_id == endpoint.component_id:
             self._arriving.take(frame.msg_id, now_s)
         peers = self.connection.link.peers()
@@ -235,8 +242,20 @@ class Guard:
 
     def tick(self) -> None:
         """Looks ten times a second what has become of the program's flight."""
-        if self.vehicle is not None:
-            self._flight.tick(self.vehicle)
+        vehicle = self.vehicle
+        if self._ros2 is not None and vehicle is None:
+            self._ros2.serve(None, 0)
+        elif self._ros2 is not None and vehicle is not None:
+            self._ros2.serve(dds_address(vehicle.endpoints), vehicle.identity.system_id)
+        if vehicle is not None:
+            self._flight.tick(vehicle)
+
+    def _refuse_topic(self, peer: Peer, topic: str, why: str) -> None:
+        """Notes what a ROS 2 program sent and is not passed."""
+        program = self._program(peer)
+        if program is not None:
+            program.heard_s = self._ends.now_s()
+            program.refuse(self._ends.unix_s(), topic, f"{topic}: {why}")
 
     def take_event(self, event: Event) -> None:
         """Tells the programs what becomes of their client's control."""
@@ -281,7 +300,7 @@ class Guard:
     def problem(self) -> str | None:
         """Why programs cannot fly now; None: they can."""
         detail = self.connection.info().detail
-        if detail:
+        if detail and (self._ros2 is None or self.vehicle is not None):
             return detail
         vehicle, wanted = self.vehicle, self._ends.options.vehicle
         if vehicle is not None:

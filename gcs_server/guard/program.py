@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -109,6 +110,10 @@ class Program:
     arrived: asyncio.Event = field(default_factory=asyncio.Event)
     pending: dict[tuple[int, bytes], Pending] = field(default_factory=dict[tuple[int, bytes], Pending])
     """Its commands that wait for the vehicle's answer, by message id and payload."""
+    after_start: dict[tuple[int, bytes], Callable[[], None]] = field(
+        default_factory=dict[tuple[int, bytes], Callable[[], None]]
+    )
+    """Its commands to arm that wait until Offboard has started or failed, as `pending`."""
     refusals: deque[Refusal] = field(default_factory=lambda: deque[Refusal](maxlen=MAX_REFUSALS))
     told_s: dict[str, float] = field(default_factory=dict[str, float])
     """When each text was last sent to it [s, monotonic]."""

@@ -8,6 +8,7 @@ from typing import Any, Final, Literal
 
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.priority import FORCE
+from gcs_server.ros2 import program_topics
 from gcs_server.vehicle.px4.modes import BY_CUSTOM_MODE, Mode
 from gcs_server.vehicle.services.ftp_codec import Opcode
 
@@ -154,6 +155,14 @@ COMMANDS: Final[dict[int, Rule]] = {
     d.MAV_CMD_NAV_GUIDED_ENABLE: Rule("refused", why="Offboard is set by MAV_CMD_DO_SET_MODE"),
 }
 """By MAV_CMD; any other command needs control, and is passed."""
+TOPICS: Final[dict[program_topics.Way, Rule]] = {
+    "mode": Rule("kept", why="chooses the setpoint; the server sends its own"),
+    "setpoint": SETPOINT,
+    "command": Rule("command", why="as the same MAV_CMD"),
+    "read": READ,
+    "sensor": _SENSOR,
+}
+"""By what becomes of a ROS 2 topic of a program; any other topic is refused."""
 OTHER_COMMANDS = Rule("command", UNCHECKED)
 MODE_OF: Final[dict[str, str]] = {
     "takeoff": "takeoff",
@@ -216,12 +225,14 @@ def mode_of_row(row: str) -> Mode | None:
 
 
 def as_json() -> dict[str, list[dict[str, Any]]]:
-    """Both tables for people and for the API."""
+    """The tables for people and for the API."""
     commands = {d.enums["MAV_CMD"][number].name: rule for number, rule in COMMANDS.items()}
+    topics = {topic: TOPICS[way] for topic, way in program_topics.WAYS.items()}
+    topics |= {topic: Rule("refused", why=why) for topic, why in program_topics.REFUSED.items()}
     return {
         kind: [
             {"name": name, "way": rule.way, "row": rule.row or None, "why": rule.why or None}
             for name, rule in table.items()
         ]
-        for kind, table in (("messages", MESSAGES), ("commands", commands))
+        for kind, table in (("messages", MESSAGES), ("commands", commands), ("topics", topics))
     }

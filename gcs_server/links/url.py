@@ -8,9 +8,9 @@
     tlog:///path/to/flight.tlog?speed=1    speed=0: as fast as possible
     ros2://0/px4_1                     a DDS domain (docs/links.md)
 
-With `guard=ask` (or `free`, `read`) programs are connected over the link, to which this server is their
-vehicle; its options are `vehicle`, `client`, `valid_for_s`, `same_for_s` and `on_expiry`
-(docs/how-to-guard-a-program.md).
+With `guard=ask` (or `free`, `read`), on any link except a recording, programs are connected over the link, to
+which this server is their vehicle; its options are `vehicle`, `client`, `valid_for_s`, `same_for_s` and
+`on_expiry` (docs/how-to-guard-a-program.md).
 
 With `forward=1`, on any link except a recording, the link leads to another ground station: messages are
 forwarded between that station and the vehicles. With `key=NAME`, on any link except a recording, sent frames
@@ -153,10 +153,10 @@ def _guard(url: str, link: Link) -> GuardOptions | None:
                 "url", f"{url!r}: {given[0]} is an option of guarded links.", remedy="Add guard=ask."
             )
         return None
-    if link.forward or link.replay or link.protocol != "MAVLink":
+    if link.forward or link.replay:
         raise InvalidRequest(
             "url",
-            f"{url!r}: a guarded link is a MAVLink link to programs; it neither forwards nor replays.",
+            f"{url!r}: a guarded link leads to programs; it neither forwards nor replays.",
             remedy="Example: udpin://127.0.0.1:14540?guard=ask.",
         )
     control, action = options["guard"], options.get("on_expiry", "hold")

@@ -91,7 +91,7 @@ class SharedDomain:
 
 _domains: weakref.WeakValueDictionary[int, SharedDomain] = weakref.WeakValueDictionary()
 _domains_lock = threading.Lock()
-_types_lock = threading.Lock()
+types_lock = threading.Lock()
 """Held while types are registered, because Cyclone cannot do this in two threads at the same time."""
 
 
@@ -112,7 +112,7 @@ def open_domain(domain_id: int, interface: str | None) -> SharedDomain:
             try:
                 shared = _domains[domain_id] = SharedDomain(domain_id, interface)
             except DDSException as problem:
-                raise DdsUnavailable(_open_error(domain_id, interface, problem)) from None
+                raise DdsUnavailable(open_error(domain_id, interface, problem)) from None
         return shared
 
 
@@ -120,7 +120,7 @@ def _interface_text(interface: str | None) -> str:
     return f"interface {interface}" if interface else f"the loopback interface {LOOPBACK}"
 
 
-def _open_error(domain_id: int, interface: str | None, problem: DDSException) -> str:
+def open_error(domain_id: int, interface: str | None, problem: DDSException) -> str:
     return (
         f"DDS domain {domain_id} could not be opened on {_interface_text(interface)} ({problem.msg}). Check "
         "the interface's name and that no more than a hundred programs use the domain."
@@ -180,7 +180,7 @@ class DdsPort:
             self.participant = DomainParticipant(domain_id)
             self._discovery = Discovery(self.participant)
         except DDSException as problem:
-            raise DdsUnavailable(_open_error(domain_id, interface, problem)) from None
+            raise DdsUnavailable(open_error(domain_id, interface, problem)) from None
 
     def announcements(self) -> list[Announcement]:
         """Announcements since the last call, without those of the inspector; at most `MAX_ANNOUNCEMENTS` each
@@ -208,12 +208,18 @@ class Writers:
         participant: the participant of this process.
         namespace: namespace of the vehicle; may be empty.
         domain: the domain, which stays open as long as these writers exist; None: the caller keeps it open.
+        durability: what is offered; a vehicle offers its newest message to programs that start later.
     """
 
     def __init__(
-        self, participant: DomainParticipant, namespace: str, domain: SharedDomain | None = None
+        self,
+        participant: DomainParticipant,
+        namespace: str,
+        domain: SharedDomain | None = None,
+        durability: Any = Policy.Durability.Volatile,
     ) -> None:
         self._participant, self._namespace, self._domain = participant, namespace, domain
+        self._durability = durability
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
 
     def prepare(self, topic: str, message: MessageType, name: str | None = None) -> None:
@@ -229,7 +235,7 @@ class Writers:
             DDSException: DDS cannot create the writer.
         """
         sample_class = idl_type(message)
-        qos = Qos(BEST_EFFORT, Policy.Durability.Volatile, Policy.History.KeepLast(1))
+        qos = Qos(BEST_EFFORT, self._durability, Policy.History.KeepLast(1))
         dds_topic = Topic(self._participant, wire_name(name or topic, self._namespace), sample_class)
         self._writers[topic] = sample_class, DataWriter(self._participant, dds_topic, qos=qos)
 
@@ -266,14 +272,14 @@ def open_topics(
     """
     domain = open_domain(address.domain_id, address.interface)
     try:
-        with _types_lock:
+        with types_lock:
             participant = DomainParticipant(address.domain_id)
             writers = Writers(participant, address.namespace, domain)
             for each in sent:
                 writers.prepare(each.topic, each.message, each.name)
             return writers, Readers(participant, address.namespace, subscriptions)
     except DDSException as problem:
-        raise DdsUnavailable(_open_error(address.domain_id, address.interface, problem)) from None
+        raise DdsUnavailable(open_error(address.domain_id, address.interface, problem)) from None
 
 
 class Readers:
@@ -289,7 +295,7 @@ class Readers:
         self, participant: DomainParticipant, namespace: str, subscriptions: Iterable[tuple[TopicFormat, int]]
     ) -> None:
         self._readers = [
-            (each.topic, depth, _open_reader(participant, each.name, each.message, depth, namespace))
+            (each.topic, depth, open_reader(participant, each.name, each.message, depth, namespace))
             for each, depth in subscriptions
         ]
 
@@ -310,27 +316,41 @@ class Readers:
 
 
 @dataclass(slots=True)
-class _Reader:
-    subscription: Subscription
-    format: TopicFormat
+class Participants:
+    """The participants that write to a reader."""
+
     reader: Any
-    next_s: float = 0.0
-    """Time from which the topic is read again [s, monotonic]."""
-    participants: dict[int, str] = field(default_factory=dict)
+    _known: dict[int, str] = field(default_factory=dict[int, str])
     """Participant of each writer, by the writer's handle."""
 
-    def participant_of(self, sample: Any) -> str:
+    def of(self, sample: Any) -> str:
         """The participant that sent a sample; empty if DDS has already removed it."""
         handle = sample.sample_info.publication_handle
-        known = self.participants.get(handle)
+        known = self._known.get(handle)
         if known is None:
             data = self.reader.get_matched_publication_data(handle)
             if data is None:
                 return ""
-            if len(self.participants) >= MAX_WRITERS:
-                self.participants.clear()
-            known = self.participants[handle] = str(data.participant_key)
+            if len(self._known) >= MAX_WRITERS:
+                self._known.clear()
+            known = self._known[handle] = str(data.participant_key)
         return known
+
+    def connected(self) -> set[str]:
+        """Those that are there now."""
+        handles = self.reader.get_matched_publications()
+        found = (self.reader.get_matched_publication_data(handle) for handle in handles)
+        return {str(data.participant_key) for data in found if data is not None}
+
+
+@dataclass(slots=True)
+class _Reader:
+    subscription: Subscription
+    format: TopicFormat
+    reader: Any
+    participants: Participants
+    next_s: float = 0.0
+    """Time from which the topic is read again [s, monotonic]."""
 
 
 class VehiclePort:
@@ -372,10 +392,10 @@ class VehiclePort:
                 readers[each.name] = reader
             elif topic_format is not None:
                 del reader
-                dds_reader = _open_reader(
+                dds_reader = open_reader(
                     self._participant, topic_format.name, topic_format.message, each.depth, self._namespace
                 )
-                readers[each.name] = _Reader(each, topic_format, dds_reader)
+                readers[each.name] = _Reader(each, topic_format, dds_reader, Participants(dds_reader))
         self._readers = readers
         command = usable.get(COMMAND)
         if command is not None and command != self._opened.get(COMMAND):
@@ -410,7 +430,7 @@ class VehiclePort:
         for sample in samples:
             if not isinstance(sample, Sample):
                 continue
-            participant = self._responses.participant_of(sample)
+            participant = self._responses.participants.of(sample)
             if participant != self.source and now_s - self._source_s > SOURCE_TIMEOUT_S and participant:
                 self.source, taken = participant, []
             if participant == self.source:
@@ -421,7 +441,7 @@ class VehiclePort:
     def _is_from_vehicle(self, reader: _Reader, sample: Sample, now_s: float) -> bool:
         """Whether the sample comes from the participant that is read."""
         is_status = reader.subscription.name == STATUS
-        if reader.participant_of(sample) != self.source:
+        if reader.participants.of(sample) != self.source:
             if is_status:
                 self.other_status_s = now_s
             return False
@@ -430,16 +450,35 @@ class VehiclePort:
         return True
 
 
-def _open_reader(
-    participant: DomainParticipant, name: str, message: MessageType, depth: int, namespace: str
+def open_reader(
+    participant: DomainParticipant,
+    name: str,
+    message: MessageType,
+    depth: int,
+    namespace: str,
+    durability: Any = Policy.Durability.TransientLocal,
 ) -> Any:
+    """A reader of a topic.
+
+    Args:
+        participant: the participant of this process.
+        name: name of the topic, without namespace.
+        message: the topic's type.
+        depth: number of messages that are kept until the next reading.
+        namespace: namespace of the vehicle; may be empty.
+        durability: what writers must offer; programs offer less than a vehicle.
+
+    Raises:
+        DDSException: DDS cannot create the reader.
+    """
     topic = Topic(participant, wire_name(name, namespace), idl_type(message))
-    qos = Qos(BEST_EFFORT, Policy.Durability.TransientLocal, Policy.History.KeepLast(depth))
+    qos = Qos(BEST_EFFORT, durability, Policy.History.KeepLast(depth))
     return DataReader(participant, topic, qos=qos)
 
 
 def _open_fixed_reader(participant: DomainParticipant, topic: str, kind: str, namespace: str) -> _Reader:
     """A reader of a topic that is equal in all versions of PX4."""
     message = MESSAGES[kind]
-    reader = _open_reader(participant, topic, message, RESPONSE_DEPTH, namespace)
-    return _Reader(Subscription(topic, kind, 0.0), TopicFormat(topic, topic, kind, message.hash), reader)
+    reader = open_reader(participant, topic, message, RESPONSE_DEPTH, namespace)
+    topic_format = TopicFormat(topic, topic, kind, message.hash)
+    return _Reader(Subscription(topic, kind, 0.0), topic_format, reader, Participants(reader))

@@ -1,4 +1,4 @@
-"""The URL of a ROS 2 link: `ros2://DOMAIN[/NAMESPACE][?interface=NAME]`."""
+"""The URL of a ROS 2 link: `ros2://DOMAIN[/NAMESPACE][?interface=NAME]`, with `guard=` of a guarded one."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from urllib.parse import SplitResult, unquote
 
 from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.names import derived_name
+from gcs_server.links.url import GUARD_OPTIONS
+from gcs_server.ros2.guard_link import Ros2GuardLink, open_relay
 from gcs_server.ros2.link import Ros2Link
 from gcs_server.ros2.topics import MAX_NAMESPACE, is_namespace
 
@@ -23,7 +25,7 @@ REMEDY: Final = "Examples: ros2://0, ros2://0/px4_1, ros2://0?interface=eth0."
 
 def ros2_link(
     url: str, name: str | None, parts: SplitResult, options: dict[str, str], own_system_id: int
-) -> Ros2Link:
+) -> Ros2Link | Ros2GuardLink:
     """Creates the link of a `ros2://` URL, without starting it.
 
     Args:
@@ -37,7 +39,8 @@ def ros2_link(
         InvalidRequest: the URL is not valid.
         LinkError: Cyclone DDS is not installed.
     """
-    for key in options.keys() - {"interface"}:
+    guarded = "guard" in options
+    for key in options.keys() - ({"interface"} | (GUARD_OPTIONS if guarded else frozenset[str]())):
         raise InvalidRequest("url", f"{url!r}: ros2 links have no option {key!r}.", remedy=REMEDY)
     domain = parts.netloc
     if not re.fullmatch(r"[0-9]{1,3}", domain) or int(domain) > MAX_DOMAIN:
@@ -60,6 +63,8 @@ def ros2_link(
     if importlib.util.find_spec("cyclonedds") is None:
         raise LinkError("A ros2:// link needs Cyclone DDS, which is not installed.", remedy=f"{INSTALL}.")
     name = name or derived_name(f"ros2-{domain}" + (f"-{namespace}" if namespace else ""))
+    if guarded:
+        return Ros2GuardLink(name, url, int(domain), namespace or "", interface, open_relay)
     return Ros2Link(name, url, int(domain), namespace, interface, _open_port, own_system_id)
 
 

@@ -7,14 +7,17 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
+from gcs_server.client import SyncGcs
 from tests.clients import ros2_offboard_node
 from tests.clients.px4_dds import Node, VehicleLocalPosition, VehicleStatus
+from tests.station import running_server, wait_until
 from vehicle_sim.dds.participant import DdsDomain
 
-DOMAIN = 46
+DOMAIN, GUARDED = 46, 47
 NAMESPACE = f"real_{os.getpid()}"
 
 
@@ -28,6 +31,32 @@ def px4(request: pytest.FixtureRequest) -> Iterator[str]:
     yield request.param
     process.terminate()
     assert process.wait(20.0) == 0
+
+
+def test_a_program_flies_through_a_guard_and_holds_when_it_ends(px4: str) -> None:
+    position_topic = ros2_offboard_node.POSITION_TOPICS[px4]
+    links = [f"ros2://{DOMAIN}/{NAMESPACE}", f"ros2://{GUARDED}?guard=free&client=node"]
+    domain = DdsDomain(GUARDED)
+    with running_server(links) as (url, _), SyncGcs(url, client="observer") as gcs:
+        drone = gcs.wait_for_vehicle("1", ready=True)
+        wait_until(lambda: guard(gcs)["problem"] is None, "the vehicle's topics")
+        deadline_s = time.monotonic() + 90.0
+
+        def sleep(seconds: float) -> None:
+            assert time.monotonic() < deadline_s, "the program does not end"
+            time.sleep(seconds)
+
+        ros2_offboard_node.main(GUARDED, "", sleep, position_topic)
+        wait_until(lambda: drone.status()["mode"] == "land", "its command to land")
+        wait_until(lambda: not guard(gcs)["flying"], "the end of its setpoints")
+        entries = gcs.request("GET", "/journal")["entries"]
+        assert "offboard/start" in [each["command"] for each in entries if each["client"] == "node"]
+    assert domain  # keeps the DDS domain open until here
+
+
+def guard(gcs: SyncGcs) -> dict[str, Any]:
+    (found,) = gcs.request("GET", "/guards")["guards"]
+    return found
 
 
 def test_a_program_in_another_process_flies_the_simulator(px4):

@@ -138,7 +138,7 @@ def use_domain_table(monkeypatch: Any) -> None:
     def open_reader(port: Port, name: str, _message: Any, depth: int, namespace: str) -> Reader:
         return port.domain.open_reader(port.participant, wire_name(name, namespace), depth)
 
-    monkeypatch.setattr(dds, "_open_reader", open_reader)
+    monkeypatch.setattr(dds, "open_reader", open_reader)
     monkeypatch.setattr(dds, "Writers", Writers)
 
 

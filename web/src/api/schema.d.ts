@@ -9841,17 +9841,17 @@ export interface components {
         };
         /**
          * GuardRule
-         * @description What becomes of one message or command of a program.
+         * @description What becomes of one message, command or topic of a program.
          */
         readonly GuardRule: {
             /**
              * Name
-             * @description The message, or the MAV_CMD.
+             * @description The message, the MAV_CMD, or the ROS 2 topic.
              */
             readonly name: string;
             /**
              * Way
-             * @description read: passed. command: needs control as `row` says, passed and journaled. input: the same, with one line of the journal for many. part: of a command that was admitted. setpoint: becomes a setpoint of the server's stream. kept: used by the guard. refused: neither.
+             * @description read: passed. command: needs control as `row` says, passed and journaled. input: the same, with one line of the journal for many. sensor: passed without control. part: of a command that was admitted. setpoint: becomes a setpoint of the server's stream. kept: used by the guard. refused: neither.
              */
             readonly way: string;
             /**
@@ -9867,7 +9867,7 @@ export interface components {
         };
         /**
          * GuardTable
-         * @description What becomes of each message and command of a program.
+         * @description What becomes of each message, command and topic of a program.
          */
         readonly GuardTable: {
             /**
@@ -9880,6 +9880,11 @@ export interface components {
              * @description Commands in COMMAND_LONG and COMMAND_INT; others need control and are passed.
              */
             readonly commands: readonly components["schemas"]["GuardRule"][];
+            /**
+             * Topics
+             * @description Topics of ROS 2 programs; others are not passed.
+             */
+            readonly topics: readonly components["schemas"]["GuardRule"][];
         };
         /**
          * HeadingRequest

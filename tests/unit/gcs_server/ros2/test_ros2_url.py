@@ -8,7 +8,9 @@ from functools import partial
 import pytest
 
 from gcs_server.errors import InvalidRequest, LinkError
+from gcs_server.links.base import DdsAddress, GuardOptions
 from gcs_server.links.url import make_link
+from gcs_server.ros2.guard_link import Ros2GuardLink
 from gcs_server.ros2.link import Ros2Link
 from gcs_server.ros2.to_mavlink import BootTime
 from gcs_server.ros2.topics import parse_topic, status_namespace, wire_name
@@ -36,6 +38,16 @@ def test_a_url_gives_domain_namespace_and_interface(
     assert (link.domain_id, link.namespace, link.interface, link.name) == (domain, namespace, interface, name)
 
 
+def test_a_guarded_url_leads_to_programs() -> None:
+    link = make_link(
+        "ros2://3/cell?guard=free&valid_for_s=1", None, {"ros2": partial(ros2_link, own_system_id=255)}
+    )
+    assert isinstance(link, Ros2GuardLink)
+    assert link.address == DdsAddress(3, None, "cell")
+    assert link.guard == GuardOptions("free", valid_for_s=1.0)
+    assert not link.leads_to_vehicles
+
+
 @pytest.mark.parametrize(
     ("url", "reason"),
     [
@@ -47,6 +59,9 @@ def test_a_url_gives_domain_namespace_and_interface(
         ("ros2://0/a%20b", "namespace"),
         ("ros2://0/" + "a" * 65, "namespace"),
         ("ros2://0?forward=1", "no option 'forward'"),
+        ("ros2://0?vehicle=1", "no option 'vehicle'"),
+        ("ros2://3?guard=ask&forward=1", "no option 'forward'"),
+        ("ros2://3?guard=maybe", "guard must be one of"),
         ("ros2://0?key=field", "no option 'key'"),
         ("ros2://0?interface=", "interface must be the name"),
         ("ros2://0?interface=<x/>", "interface must be the name"),
