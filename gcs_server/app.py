@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
@@ -128,6 +128,17 @@ def _streams(settings: Settings, clock: Clock) -> Streams:
     return Streams(clock, own_ids, server_silent_limit_s=settings.server_silent_limit_s)
 
 
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What a server does in processes of its own; a server on simulated time does it in the event loop."""
+
+    streams: Callable[[Settings, Clock], Streams] = _streams
+    plan_work: type[PlanWork] = PlanWork
+
+
+IN_PROCESSES = Work()
+
+
 def _router(settings: Settings, clock: Clock, supervisor: Supervisor, folder: DataFolder) -> Router:
     own = RouterSettings(
         system_id=settings.system_id,
@@ -192,7 +203,7 @@ def _kept_of_vehicles(folder: DataFolder) -> tuple[ProgressStore, VehicleModels]
 class Server:
     """Builds all parts once the event loop runs, and stops them in reverse order."""
 
-    def __init__(self, settings: Settings, clock: Clock, *, more_links: tuple[str, ...] = ()) -> None:
+    def __init__(self, settings: Settings, clock: Clock, more_links: tuple[str, ...], work: Work) -> None:
         folder = DataFolder(settings.data)
         self._links = (*settings.links, *map(guarded, settings.guards), *more_links)
         self._link_errors: list[Notice] = []
@@ -202,7 +213,7 @@ class Server:
         self.fleet = Fleet(clock, self.supervisor, self.router)
         hub = Hub(clock, self.fleet)
         self._events = ClientEvents(clock, self.fleet, hub)
-        streams = _streams(settings, clock)
+        streams = work.streams(settings, clock)
         self.streamer = Streamer(clock, streams, LimitStore(Records(folder.limits), _stored_limits))
         journal = Journal(clock, folder.journal)
         lease_times = LeaseTimes(settings.control_lease_s, settings.control_answer_s)
@@ -217,7 +228,7 @@ class Server:
             self.supervisor,
             operations,
             PlanStore(folder.plans, clock, self.fleet.events),
-            PlanWork(folder.elevation, authority.controls_any),
+            work.plan_work(folder.elevation, authority.controls_any),
             *_kept_of_vehicles(folder), authority.controls_any,
         )  # fmt: skip
         self._ros2_settings = ClientSettings(clock, self.fleet.all, self.router.connections)
@@ -471,7 +482,12 @@ class Page(StaticFiles):
 
 
 def create_app(
-    settings: Settings, clock: Clock | None = None, *, more_links: tuple[str, ...] = (), static: Path = STATIC
+    settings: Settings,
+    clock: Clock | None = None,
+    *,
+    more_links: tuple[str, ...] = (),
+    static: Path = STATIC,
+    work: Work = IN_PROCESSES,
 ) -> FastAPI:
     """The application.
 
@@ -480,13 +496,14 @@ def create_app(
         clock: default: the system clock.
         more_links: URLs of additional links, such as a replay.
         static: folder of the built page.
+        work: where setpoint streams and the work on plans run.
 
     Raises:
         GcsError: a token is needed, and its file cannot be created or read.
     """
     app = bare_app()
     clock = clock or SystemClock()
-    server = Server(settings, clock, more_links=more_links)
+    server = Server(settings, clock, more_links, work)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncGenerator[None]:

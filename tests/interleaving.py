@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine
 from contextvars import Context, ContextVar, copy_context
 from typing import Any
 
-from tests.simulated_time import SimulatedTimeLoop
+from gcs_server.scenarios.simulated_time import SimulatedTimeLoop
 
 _observed: ContextVar[bool] = ContextVar("observed", default=False)
 MAX_HELD_S = 3.0

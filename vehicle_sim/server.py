@@ -226,6 +226,11 @@ class SimServer:
             until_next_cycle_s = (next_cycle_s - simulated_start_s) / speed - elapsed_s
             wait_s = max(0.0, min(CYCLE_S, until_next_cycle_s))
 
+    def exchange(self) -> None:
+        """Receives and sends what is waiting, for a caller that advances the time itself."""
+        self._receive(0.0)
+        self._send()
+
     def close(self) -> None:
         """Closes all sockets."""
         for vehicle_ports in self.vehicles:

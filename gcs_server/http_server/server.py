@@ -27,7 +27,7 @@ TICKS_PER_DAY = 864_000
 
 
 class HttpServer(uvicorn.Server):
-    """Serves an application on a listening socket, and prints the page's URLs once it is ready.
+    """Serves an application on a listening socket, and prints the page's URLs, if any, once it is ready.
 
     Args:
         app: the application.
@@ -77,7 +77,7 @@ class HttpServer(uvicorn.Server):
         # pauses the process, and costs as much as decoding a fleet's telemetry. `cli.py` has disabled it.
         gc.freeze()
         gc.enable()
-        if self.started:
+        if self.started and self._page_urls:
             print("Ready: " + "\n       ".join(self._page_urls), flush=True)
 
     async def main_loop(self) -> None:

@@ -329,7 +329,8 @@ class Finishes(Check):
     def judge(self, flown: Flown) -> list[Broken]:
         first = flown.vehicles[0].name
         if not flown.finished:
-            return [Broken(flown.end_reason, first, flown.duration_s)]
+            why = "it does not" if flown.end_reason in flown.faults else flown.end_reason
+            return [Broken(why, first, flown.duration_s)]
         if self.by_s is not None and flown.duration_s > self.by_s:
             return [Broken(f"only after {flown.duration_s:.1f} s", first, flown.duration_s)]
         return []

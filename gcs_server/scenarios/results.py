@@ -18,6 +18,16 @@ Line = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
+class FlownCell:
+    """A flight and its conditions."""
+
+    cell: Cell
+    flown: Flown
+    recording: bytes | None = None
+    """What the vehicles sent (tlog); None: not recorded."""
+
+
+@dataclass(frozen=True, slots=True)
 class CheckResult:
     """The result of one check in one flight."""
 

@@ -15,9 +15,12 @@ from multiprocessing.connection import wait
 from pathlib import Path
 
 from gcs_server.errors import GcsError
-from gcs_server.scenarios import batch
+from gcs_server.scenarios import batch, flights
 from gcs_server.scenarios.results import FlightResult, judge
 from gcs_server.scenarios.scenario import Cell, Scenario, load
+from gcs_server.scenarios.subprograms import kill_all
+from missions.offboard.document import OffboardMission
+from missions.plan import Plan
 
 CELLS_PER_TASK = 12
 """Flights in one simulation: their common steps then cost little for each, and a core gets work often."""
@@ -45,12 +48,20 @@ def select(scenarios: Sequence[Scenario], words: Sequence[str]) -> list[Selected
 def fly(selected: Selected) -> list[FlightResult]:
     """Flies a scenario, judges it, and flies what failed again with a recording."""
     scenario = selected.scenario
+    if not isinstance(scenario.program, Plan | OffboardMission):
+        return [_fly_program(scenario, cell) for cell in selected.cells]
     results = [judge(scenario, each.cell, each.flown) for each in batch.fly(scenario, selected.cells)]
     failed = [each.cell for each in results if not each.passed]
     if failed:
         recordings = {each.cell: each.recording for each in batch.fly(scenario, failed, record=True)}
         results = [each.with_recording(recordings.get(each.cell)) for each in results]
     return results
+
+
+def _fly_program(scenario: Scenario, cell: Cell) -> FlightResult:
+    flown = flights.fly(scenario, cell)
+    result = judge(scenario, cell, flown.flown)
+    return result if result.passed else result.with_recording(flown.recording)
 
 
 def fly_all(
@@ -61,22 +72,21 @@ def fly_all(
     Args:
         selected: the scenarios.
         jobs: number of processes.
-        report: called with the flights of each task as it ends.
+        report: called with the flights of each scenario as it ends.
 
     Raises:
         GcsError: a process ended without a result.
     """
-    tasks = [
-        (each.scenario.path, each.cells[first : first + CELLS_PER_TASK])
-        for each in selected
-        for first in range(0, len(each.cells), CELLS_PER_TASK)
-    ]
+    count = sum(len(_portions(each)) for each in selected)
     results: list[FlightResult] = []
-    with _processes(min(jobs, len(tasks))) as pool:
-        futures: list[Future[list[FlightResult]]] = [pool.submit(_fly_task, *task) for task in tasks]
+    with _processes(min(jobs, count)) as pool:
+        futures: list[list[Future[list[FlightResult]]]] = [
+            [pool.submit(_fly_task, each.scenario.path, cells) for cells in _portions(each)]
+            for each in selected
+        ]
         try:
-            for future in futures:
-                flown = future.result()
+            for of_scenario in futures:
+                flown = [result for future in of_scenario for result in future.result()]
                 report(flown)
                 results += flown
         except BrokenProcessPool:
@@ -84,6 +94,13 @@ def fly_all(
                 "A process that flies scenarios was ended.", remedy="Give fewer --jobs if memory is short."
             ) from None
     return results
+
+
+def _portions(selected: Selected) -> list[tuple[Cell, ...]]:
+    """The conditions that one process flies at a time."""
+    in_one_simulation = isinstance(selected.scenario.program, Plan | OffboardMission)
+    count = CELLS_PER_TASK if in_one_simulation else 1
+    return [selected.cells[first : first + count] for first in range(0, len(selected.cells), count)]
 
 
 def _fly_task(path: Path, cells: tuple[Cell, ...]) -> list[FlightResult]:
@@ -116,4 +133,5 @@ def _end_with_parent() -> None:
 
 def _exit_after(sentinel: int) -> None:
     wait([sentinel])
+    kill_all()
     os._exit(1)

@@ -45,6 +45,8 @@ from vehicle_sim.world.world import World
 from vehicle_sim.yaml_fields import Fields, FileProblem, read_yaml
 
 T = TypeVar("T", bound=Model)
+VEHICLE = "vehicle"
+"""Name of the only vehicle of a flight."""
 FORMAT = "offboard-gcs-scenario"
 MAX_FLIGHTS = 2000
 MAX_SCENARIO_FILES = 500
@@ -116,6 +118,19 @@ class ScenarioDocument(_Part):
     """A waypoint plan (this project's JSON, or a .plan of QGroundControl), beside this file."""
     mission: str | None = None
     """An offboard mission (YAML or JSON), beside this file."""
+    python: Annotated[str, Field(pattern=r"^[^:]+\.py:[A-Za-z_]\w*$")] | None = None
+    """`file.py:function`, beside this file: a coroutine that flies with the Python client. Its parameters are
+    any of `vehicle`, `vehicles`, `gcs`, `station`, `clock`."""
+    run: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    """A program of any language with its arguments, started in this file's folder. In the arguments are
+    replaced: {port}, where the program hears the vehicle (as 14540); {vehicle_port}, to which it sends
+    instead; {tcp_port} (as 5760); {url} of the server; {ros2_domain}."""
+    speed: Annotated[float, Field(ge=0.1, le=20.0)] = 1.0
+    """Simulated seconds in a real second, for `run`."""
+    guard: bool = False
+    """Whether the program of `run` flies through a guarded link instead of the vehicle's own port."""
+    vehicles: Annotated[int, Field(ge=1, le=20)] = 1
+    """Number of vehicles, for `python` and `run`; their names are 1, 2 … if there are several."""
     home: HomePosition = HomePosition(
         lat_deg=_HOME.lat_deg, lon_deg=_HOME.lon_deg, alt_amsl_m=_HOME.alt_amsl_m
     )
@@ -148,7 +163,7 @@ class ScenarioDocument(_Part):
         return self
 
 
-PROGRAMS = ("plan", "mission")
+PROGRAMS = ("plan", "mission", "python", "run")
 """The kinds of programs, one of which a scenario has."""
 
 
@@ -173,6 +188,32 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
+class PythonProgram:
+    """A coroutine that flies with the Python client, on simulated time."""
+
+    file: Path
+    function: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunProgram:
+    """A program in a process of its own, on paced time."""
+
+    arguments: tuple[str, ...]
+    folder: Path
+    speed: float
+    guard: bool
+
+    @property
+    def uses_server(self) -> bool:
+        """Whether it flies through the server; otherwise the vehicle hears no ground station."""
+        return self.guard or any("{url}" in each for each in self.arguments)
+
+
+Program = Plan | OffboardMission | PythonProgram | RunProgram
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """A scenario that was read and checked, with the files that it names."""
 
@@ -181,7 +222,7 @@ class Scenario:
     matrix: Matrix
     events: Mapping[str, tuple[Event, ...]]
     """The faults' events, by name."""
-    program: Plan | OffboardMission
+    program: Program
     world: World | None
     checks: tuple[AnyCheck, ...]
 
@@ -195,8 +236,10 @@ class Scenario:
     @property
     def vehicle_names(self) -> tuple[str, ...]:
         """Names of the vehicles of a flight: the mission's roles."""
-        roles = self.program.roles if isinstance(self.program, OffboardMission) else ()
-        return tuple(roles) or ("vehicle",)
+        if isinstance(self.program, OffboardMission):
+            return tuple(self.program.roles) or (VEHICLE,)
+        count = self.document.vehicles
+        return (VEHICLE,) if count == 1 else tuple(str(number + 1) for number in range(count))
 
 
 def find(paths: Sequence[Path]) -> list[Path]:
@@ -296,7 +339,15 @@ def _events(matrix: Matrix, fields: Fields | None) -> dict[str, tuple[Event, ...
     return {name: tuple(event_from_fields(each) for each in faults.items(name)) for name in matrix.faults}
 
 
-def _program(path: Path, document: ScenarioDocument, fields: Fields) -> Plan | OffboardMission:
+def _program(path: Path, document: ScenarioDocument, fields: Fields) -> Program:
+    if document.python is not None:
+        file, _, function = document.python.rpartition(":")
+        _require_function(fields, ("python",), path.parent / file, function)
+        return PythonProgram(path.parent / file, function)
+    if document.run is not None:
+        if document.guard and document.vehicles > 1:
+            raise fields.problem_at(("guard",), "a guarded link has one vehicle; give vehicles: 1")
+        return RunProgram(document.run, path.parent, document.speed, document.guard)
     key = "mission" if document.mission else "plan"
     name = str(document.mission or document.plan)
     try:
@@ -339,10 +390,7 @@ def _check(scenario: Scenario, fields: Fields) -> None:
         _require_known(fields, (*place, "vehicle"), vehicles, names, "vehicles")
         if isinstance(check, PythonCheck):
             file, _, function = check.function.rpartition(":")
-            try:
-                function_of(Path(file), function)
-            except ValueError as error:
-                raise fields.problem_at((*place, "function"), f"cannot be used: {error}") from None
+            _require_function(fields, (*place, "function"), Path(file), function)
     drains = document.battery.endurance_s is not None or "SIM_BAT_DRAIN" in document.parameters
     if not drains and any(isinstance(check, Energy) for check in scenario.checks):
         raise fields.problem_at(
@@ -360,6 +408,13 @@ def _require_known(fields: Fields, path: Sequence[str | int], given: Any, known:
     for name in given:
         if name not in known:
             raise fields.problem_at(path, f"names {name!r}; the {noun} are {', '.join(known)}")
+
+
+def _require_function(fields: Fields, path: Sequence[str | int], file: Path, name: str) -> None:
+    try:
+        function_of(file, name)
+    except ValueError as error:
+        raise fields.problem_at(path, f"cannot be used: {error}") from None
 
 
 def _require_parameters(fields: Fields, parameters: Mapping[str, float], px4: str) -> None:

@@ -8,10 +8,10 @@ import pytest
 from gcs_server.app import create_app
 from gcs_server.client import Gcs, Refused, Unknown
 from gcs_server.clock import LoopClock
+from gcs_server.scenarios.memory_link import MemoryLink
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 from tests.protocol.mission_autopilot import MissionAutopilot
-from tests.simulated_time import run_on_simulated_time
 from tests.support.api_client import settings_for
-from tests.support.memory_link import MemoryLink
 
 AT_20_M = {"value_m": 20, "reference": "home"}
 POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}

@@ -11,12 +11,12 @@ from gcs_server.api.schema import description
 from gcs_server.app import create_app
 from gcs_server.clock import LoopClock
 from gcs_server.plans.work import PlanWork
+from gcs_server.scenarios.memory_link import MemoryLink
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 from tests.api.generated_requests import RequestGenerator
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.protocol.fake_autopilot import FakeAutopilot
-from tests.simulated_time import run_on_simulated_time
 from tests.support.api_client import settings_for
-from tests.support.memory_link import MemoryLink
 from tests.unit.gcs_server.replay.generated_logs import flight, record
 
 REQUESTS_PER_OPERATION = int(os.environ.get("GENERATED_REQUESTS", "2"))

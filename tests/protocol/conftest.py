@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from tests.simulated_time import run_on_simulated_time
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 
 
 @pytest.fixture

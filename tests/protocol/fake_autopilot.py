@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import Any
 
 from gcs_server.mavlink.codec import encode_frame
+from gcs_server.scenarios.memory_link import MemoryLink
 from tests.protocol.command_numbers import FORCE
-from tests.support.memory_link import MemoryLink
 from vehicle_sim.mavlink import generated_dialect as sim
 
 HOLD_MODE, TAKEOFF_MODE, LAND_MODE, RTL_MODE = (4 << 16 | sub << 24 for sub in (3, 2, 6, 5))

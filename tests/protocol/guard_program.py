@@ -11,10 +11,10 @@ from typing import Any
 
 from gcs_server.guard.guards import Guards
 from gcs_server.links.base import GuardOptions
+from gcs_server.scenarios.memory_link import MemoryLink
 from tests.protocol.api_calls import new_station
 from tests.protocol.fake_autopilot import OFFBOARD_MODE
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
-from tests.support.memory_link import MemoryLink
 from vehicle_sim.mavlink import generated_dialect as sim
 
 START_S = 4.0

@@ -6,10 +6,10 @@ from typing import Any
 
 from gcs_server.clock import LoopClock
 from gcs_server.mavlink.router import Router, RouterSettings
+from gcs_server.scenarios.memory_link import MemoryLink
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.fleet import Fleet
 from tests.protocol.fake_autopilot import FakeAutopilot
-from tests.support.memory_link import MemoryLink
 
 
 class MemoryTestbed:

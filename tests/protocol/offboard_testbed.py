@@ -10,10 +10,10 @@ import asyncio
 import itertools
 from typing import Any
 
+from gcs_server.scenarios.in_loop_scheduler import InLoopScheduler
 from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
-from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.fake_autopilot import (
     COMMANDER_DELAY_S,
     IN_AIR,

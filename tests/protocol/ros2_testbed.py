@@ -13,16 +13,16 @@ from gcs_server.ros2.external_mode import Message
 from gcs_server.ros2.formats import REQUEST, RESPONSE, AnnouncedTopic, formats_of
 from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS
 from gcs_server.ros2.vehicle_link import VehicleLink
+from gcs_server.scenarios.in_loop_scheduler import InLoopScheduler
+from gcs_server.scenarios.memory_link import MemoryLink
 from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.schedule.external_modes import CONNECTED_FROM, CONNECTED_TO, READ_TYPES
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Setpoint
-from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.simulated_testbed import TICK_S, SimulatedVehicles, until
 from tests.support.dds_samples import base_name
-from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.px4_version import DEFAULT, Px4Version

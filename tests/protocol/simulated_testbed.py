@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
+from gcs_server.scenarios.memory_link import MemoryLink
 from gcs_server.vehicle.vehicle import Vehicle
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.offboard_testbed import OffboardTestbed
-from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.px4_version import DEFAULT, VERSIONS, Px4Version
 

@@ -15,10 +15,10 @@ from gcs_server.ros2.dds_types import Sample
 from gcs_server.ros2.inspection import Announcement, TopicKey
 from gcs_server.ros2.link import Ros2Link, _Run
 from gcs_server.ros2.topics import STATUS, wire_name
+from gcs_server.scenarios.memory_link import MemoryLink
 from gcs_server.vehicle.vehicle import Vehicle
 from tests.protocol.memory_testbed import MemoryTestbed
 from tests.protocol.simulated_testbed import TICK_S
-from tests.support.memory_link import MemoryLink
 from vehicle_sim.fleet import SimulatedFleet
 from vehicle_sim.px4_version import DEFAULT, Px4Version
 from vehicle_sim.ros2.topics import topics_of

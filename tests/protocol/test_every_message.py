@@ -18,6 +18,7 @@ from gcs_server.api.responses import history_pieces, history_view, json_response
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload, full_payload
 from gcs_server.mavlink.tables import LAYOUTS
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 from gcs_server.scene.texts import metres_text
 from gcs_server.scene.tracks import Tracks
 from gcs_server.scene.views import world_pose
@@ -29,7 +30,6 @@ from gcs_server.vehicle.px4.stream_loss import PARAMETERS as FAILSAFE_PARAMETERS
 from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.fake_autopilot import OFFBOARD_MODE
 from tests.protocol.offboard_testbed import OffboardTestbed, stream_request
-from tests.simulated_time import run_on_simulated_time
 
 PEERS = ("a", "b")
 """The peers of vehicles 1 and 2."""

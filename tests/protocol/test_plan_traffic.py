@@ -24,7 +24,7 @@ from tests.protocol import two_vehicles
 from tests.protocol.api_calls import ANNA, json_of
 from tests.protocol.offboard_testbed import sleep
 from tests.protocol.simulated_testbed import until
-from tests.simulated_time import record_calls
+from tests.support.recorded_calls import record_calls
 
 ORIGIN = LocalOrigin(47.397742, 8.545594, 488.0)
 APART_M = 40.0

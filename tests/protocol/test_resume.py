@@ -16,8 +16,8 @@ from tests.protocol.fake_autopilot import HOLD_MODE, IN_AIR, ON_GROUND, RTL_MODE
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_testbed import OffboardTestbed, sleep
 from tests.protocol.simulated_testbed import SimulatedTestbed, until
-from tests.simulated_time import record_calls
 from tests.support.documents import read_document
+from tests.support.recorded_calls import record_calls
 
 LAT, LON = 47.397742, 8.545594
 DEG_PER_M = 1 / 111_195

@@ -21,9 +21,9 @@ from gcs_server.mavlink.signing import (
     is_signed,
 )
 from gcs_server.replay.records import read_tlog
+from gcs_server.scenarios.memory_link import MemoryLink
 from tests.protocol.fake_autopilot import FakeAutopilot
 from tests.protocol.memory_testbed import MemoryTestbed
-from tests.support.memory_link import MemoryLink
 
 KEY = bytes(range(100, 132))
 OTHER_KEY = bytes(range(32))

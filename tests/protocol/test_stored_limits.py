@@ -14,12 +14,12 @@ from gcs_server.api import offboard_routes
 from gcs_server.api.offboard_models import LimitsRequest
 from gcs_server.api.setpoints import StartRequest
 from gcs_server.control.principal import Principal
+from gcs_server.scenarios.in_loop_scheduler import InLoopScheduler
 from gcs_server.storage.records import MAX_BYTES, Records
 from gcs_server.streamer.offboard.limit_store import LimitRecord, LimitStore, VehicleKey
 from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from missions.fence import CircleFence, PolygonFence
-from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.api_calls import json_of, new_station
 from tests.protocol.offboard_testbed import OffboardTestbed, offboard_event_codes, sleep, stream_request
 

@@ -5,12 +5,12 @@ from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
 from gcs_server.errors import Rejected
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 from missions.checks import check
 from missions.items import CommandItem, Delay, Jump, Land, LoiterTime, PlacedItem, Takeoff, Waypoint
 from missions.plan import TYPED_ITEMS, Plan
 from missions.values import Altitude, FenceCircle, FencePolygon, Point, RallyPoint
 from tests.protocol.px4_plan_store import ACCEPTED, HOME, REFERENCE, items_of, run_with_px4
-from tests.simulated_time import run_on_simulated_time
 from tests.support.plan_strategies import PARAMS, float32, float32_numbers
 
 EVENT = 410

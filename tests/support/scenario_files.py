@@ -22,6 +22,20 @@ mission: mission.yaml
 """
 
 
+PROGRAM_HEAD = """
+format: offboard-gcs-scenario
+version: 1
+name: Program
+"""
+
+
+def program_scenario(folder: Path, text: str) -> Path:
+    """Writes a scenario without a mission; returns its path."""
+    path = folder / "program.yaml"
+    path.write_text(PROGRAM_HEAD + text, encoding="utf-8")
+    return path
+
+
 def scenario_file(folder: Path, text: str, name: str = "scenario.yaml") -> Path:
     """Writes a scenario of the short mission, with further fields; returns its path."""
     (folder / "mission.yaml").write_text(MISSION, encoding="utf-8")

@@ -12,12 +12,17 @@ import psutil
 import pytest
 
 from tests.station import wait_until
-from tests.support.scenario_files import scenario_file
+from tests.support.scenario_files import program_scenario, scenario_file
 
 COMMAND = [sys.executable, "-m", "gcs_server", "test"]
-LONG = "matrix: {seeds: [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14]}\nmust_hold: [{check: finishes}]\n"
+MARK = "endless program of a scenario"
+ENDLESS = f"""
+run: [{sys.executable}, -c, "import time; time.sleep(600)", {MARK}, "{{port}}"]
+must_hold: [{{check: finishes}}]
+"""
 
 
+@pytest.mark.story
 def test_the_exit_code_says_whether_all_held(tmp_path: Path) -> None:
     text = "must_hold: [{check: finishes}, {check: reaches, position_ned_m: [-10, 0, -5]}]\n"
     path = scenario_file(tmp_path, text)
@@ -32,15 +37,25 @@ def test_the_exit_code_says_whether_all_held(tmp_path: Path) -> None:
     assert "line 6: must" in done.stderr
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGKILL,
+        *(pytest.param(each, marks=pytest.mark.story) for each in (signal.SIGINT, signal.SIGTERM)),
+    ],
+)
 def test_its_processes_end_with_it(number: signal.Signals, tmp_path: Path) -> None:
-    path = scenario_file(tmp_path, LONG)
+    path = program_scenario(tmp_path, ENDLESS)
     command = [*COMMAND, str(path), "--jobs", "2"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    started: list[psutil.Process] = []
+
+    def program_runs() -> bool:
+        started[:] = psutil.Process(process.pid).children(recursive=True)
+        return any(MARK in "".join(each.cmdline()) for each in started if each.is_running())
+
     try:
-        children = psutil.Process(process.pid).children
-        wait_until(lambda: len(children()) >= 2, "the start of its processes")
-        started = children(recursive=True)
+        wait_until(program_runs, "the start of the program")
         os.kill(process.pid, number)
         process.wait(10)
         wait_until(lambda: not any(each.is_running() for each in started), "the end of its processes", 10)

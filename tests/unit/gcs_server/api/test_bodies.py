@@ -21,7 +21,7 @@ from gcs_server.api.schema import api_routes
 from gcs_server.control.principal import Principal
 from gcs_server.errors import ServerBusy
 from gcs_server.operations.turns import CALLER, Caller
-from tests.simulated_time import run_on_simulated_time
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 from tests.support.api_client import api_client
 
 LONGEST_PATH = {

@@ -5,7 +5,7 @@ import itertools
 
 from gcs_server.api.request_queue import KNOWN_AFTER_S, MAX_KNOWN_CLIENTS, RequestQueue
 from gcs_server.control.principal import Principal
-from tests.simulated_time import run_on_simulated_time
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 
 
 def client(name, address="1.1.1.1"):

@@ -6,7 +6,7 @@ import pytest
 
 from gcs_server.client import NoReply, Timeout
 from gcs_server.client.plans import Operations
-from tests.simulated_time import run_on_simulated_time
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 
 NO_REPLY = {"status": 504, "code": "no_reply", "detail": "The vehicle did not answer."}
 

@@ -13,7 +13,7 @@ from gcs_server.api.connections import Connections
 from gcs_server.clock import LoopClock
 from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.http_protocol import BoundedHttp
-from tests.simulated_time import run_on_simulated_time
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 
 
 class Transport(asyncio.Transport):

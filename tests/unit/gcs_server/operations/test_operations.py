@@ -17,8 +17,8 @@ from gcs_server.operations.operations import (
     PROGRESS_PERIOD_S,
     Operations,
 )
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 from gcs_server.supervise import Supervisor
-from tests.simulated_time import run_on_simulated_time
 
 
 def run_test(work):

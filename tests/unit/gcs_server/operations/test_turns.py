@@ -7,7 +7,7 @@ import pytest
 
 from gcs_server.errors import ClientHasTooMany, ServerBusy
 from gcs_server.operations.turns import CALLER, Caller, TurnLimits, Turns
-from tests.simulated_time import run_on_simulated_time
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 
 LIMITS = TurnLimits(running=2, running_without_control=1, per_client=4, total=8)
 PILOT = "pilot"

@@ -44,7 +44,7 @@ def test_a_matrix_may_be_a_file_of_its_own(tmp_path: Path) -> None:
         ("must_hold: [{check: reaches}]\n", "must_hold[0].position_ned_m Field required; add it"),
         (HOLDS + "wether: 3\n", "line 7: wether Extra inputs are not permitted"),
         (HOLDS + "worl: yard\n", "line 7: worl Extra inputs are not permitted; did you mean world?"),
-        (HOLDS + "plan: p.json\n", "needs one of plan, mission; it has plan and mission"),
+        (HOLDS + "plan: p.json\n", "needs one of plan, mission, python, run; it has plan and mission"),
         (HOLDS + "time_limit_s: .nan\n", "line 7: time_limit_s"),
         (HOLDS + "parameters: {MPC_XY_CRUSE: 3}\n", "line 7: parameters.MPC_XY_CRUSE cannot be set"),
         (HOLDS + "matrix: {px4: [1.15]}\n", "line 7: matrix.px4[0]"),

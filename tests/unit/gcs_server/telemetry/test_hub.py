@@ -10,10 +10,10 @@ import pytest
 
 from gcs_server.clock import LoopClock, SystemClock
 from gcs_server.faults import Isolation
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 from gcs_server.telemetry.hub import CLOSE_TOO_SLOW, EVENT_QUEUE_CHARACTERS, EVENT_QUEUE_LENGTH, Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.samples import Estimator, Hud, Sample
-from tests.simulated_time import run_on_simulated_time
 
 LONE_SURROGATE = "\ud800"
 """A character that cannot be encoded as UTF-8."""

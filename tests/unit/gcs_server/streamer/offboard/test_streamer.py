@@ -9,6 +9,8 @@ import pytest
 from gcs_server.clock import LoopClock
 from gcs_server.errors import NoReply, Refused, Rejected
 from gcs_server.faults import Isolation
+from gcs_server.scenarios.in_loop_scheduler import InLoopScheduler
+from gcs_server.scenarios.simulated_time import run_on_simulated_time
 from gcs_server.streamer.offboard import streamer as streamer_module
 from gcs_server.streamer.offboard.streamer import Streamer
 from gcs_server.streamer.values.stream_request import StreamRequest
@@ -21,8 +23,6 @@ from gcs_server.vehicle.services.command import ModeCommand
 from gcs_server.vehicle.tickets import Tickets
 from missions.floor import Floor
 from missions.setpoints import Position
-from tests.in_loop_scheduler import InLoopScheduler
-from tests.simulated_time import run_on_simulated_time
 
 POSITION = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}

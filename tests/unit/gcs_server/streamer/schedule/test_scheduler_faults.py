@@ -9,6 +9,7 @@ import pytest
 
 from gcs_server.links.base import Peer
 from gcs_server.mavlink.connection import FrameSender
+from gcs_server.scenarios.memory_link import MemoryLink
 from gcs_server.streamer.schedule.scheduler import StreamScheduler
 from gcs_server.streamer.separation import GroupGuard
 from gcs_server.streamer.values.limit_values import Bounds
@@ -16,7 +17,6 @@ from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.geodesy import LocalOrigin
 from missions.setpoints import Position, Velocity
-from tests.support.memory_link import MemoryLink
 
 MSG_SET_POSITION_TARGET_LOCAL_NED = 84
 HOVER = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)

@@ -43,20 +43,6 @@ class SimulatedTimeLoop(asyncio.SelectorEventLoop):
         return future
 
 
-def record_calls(monkeypatch: Any, module: Any, name: str) -> list[bool]:
-    """Replaces a function of a module by one that also records whether each call is outside the loop."""
-    function, outside_loop = getattr(module, name), list[bool]()
-
-    def recorded(*args: Any, **keywords: Any) -> Any:
-        loop = asyncio.get_running_loop()
-        assert isinstance(loop, SimulatedTimeLoop)
-        outside_loop.append(loop.in_executor)
-        return function(*args, **keywords)
-
-    monkeypatch.setattr(module, name, recorded)
-    return outside_loop
-
-
 def run_on_simulated_time(scenario: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
     """Runs a coroutine function on simulated time."""
     with asyncio.Runner(loop_factory=SimulatedTimeLoop) as runner:

@@ -1,4 +1,7 @@
-"""The setpoint scheduler in the test's own event loop instead of in the stream process."""
+"""The setpoint scheduler in the event loop instead of in the stream process."""
+
+# pyright: reportIncompatibleMethodOverride=false
+# Its methods are those of `Streams`, which wait for the process.
 
 from __future__ import annotations
 
