@@ -539,9 +539,16 @@ def create_app(
     app.add_middleware(Guard, access=access, clock=clock)
     app.add_middleware(SecurityHeaders)  # outermost, so that refusals also have them
     station.agents = Agents(
-        station, settings.agent_scopes, agent_tokens, settings.agent_calls_per_min, server.is_simulators
+        station,
+        server.supervisor,
+        InProcessRequests(app, token),
+        settings.agent_scopes,
+        agent_tokens,
+        settings.agent_calls_per_min,
+        server.is_simulators,
     )
-    endpoint = AgentsEndpoint(station.agents, server.supervisor, InProcessRequests(app, token))
+    station.warning_sources.append(station.agents.warnings)
+    endpoint = AgentsEndpoint(station.agents, server.supervisor)
     app.router.routes.append(Route(AGENTS_PATH, endpoint, methods=["POST"]))
     if server.scene is not None:
         app.include_router(server.scene.router())

@@ -7,21 +7,24 @@ same routes and rules as those of any other client.
 from __future__ import annotations
 
 import hmac
-from collections.abc import Awaitable, Mapping
-from typing import Any, Final, Protocol
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any, Final
 
 from gcs_server.agents.agent import UNNAMED, Agent, AgentView
 from gcs_server.agents.answers import answer_text, visible
+from gcs_server.agents.calls import Request
 from gcs_server.agents.evidence import SendsFrom, why_not_simulated
+from gcs_server.agents.flight_requests import FlightRequests, RequestingStation
 from gcs_server.agents.limits import CallLimit
-from gcs_server.agents.own_tools import OWN_TOOLS, OwnTool, Waits
+from gcs_server.agents.own_tools import OWN_TOOLS, WAIT, OwnTool, Waits
 from gcs_server.agents.tools import Tool, includes
-from gcs_server.control.accepted import Commanded
 from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError, InvalidRequest, Refused
-from gcs_server.operations.operations import Operations
 from gcs_server.settings import AgentScope
+from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.events import Event
+from gcs_server.vehicle.fleet import Notice
 from gcs_server.vehicle.vehicle import Vehicle
 
 READ: Final = "read"
@@ -30,27 +33,13 @@ OVERRULING: Final = frozenset({"intervened", "forced"})
 """Changes of control by which another client overrules the one in control."""
 
 
-class AgentStation(Commanded, Protocol):
-    """The parts of the running server that agents need."""
-
-    operations: Operations
-
-
-class Request(Protocol):
-    """Calls the API as an agent."""
-
-    def __call__(
-        self, agent: Agent, method: str, path: str, query: Mapping[str, Any], body: object
-    ) -> Awaitable[tuple[int, Any]]:
-        """Status and body of the answer."""
-        ...
-
-
 class Agents:
     """The agents of a server.
 
     Args:
         station: the parts of the server that execute commands.
+        supervisor: owns the tasks.
+        request: calls the API as an agent.
         scopes: scope of each agent by name.
         tokens: token of each agent by name.
         calls_per_min: calls that each agent may make per minute.
@@ -59,7 +48,9 @@ class Agents:
 
     def __init__(
         self,
-        station: AgentStation,
+        station: RequestingStation,
+        supervisor: Supervisor,
+        request: Request,
         scopes: Mapping[str, AgentScope],
         tokens: Mapping[str, str],
         calls_per_min: int,
@@ -71,7 +62,10 @@ class Agents:
         self._agents = {
             tokens[name]: Agent(name, scope, CallLimit(calls_per_min)) for name, scope in scopes.items()
         }
-        self._waits = Waits(station)
+        self._request = request
+        self.requests = FlightRequests(station, supervisor, request, self._take_control)
+        """The flights that agents ask for."""
+        self._waits = Waits(station, self.requests.view)
         station.fleet.subscribe(self._take_event)
 
     # --- agents ---------------------------------------------------------------------------------
@@ -113,15 +107,28 @@ class Agents:
         agent.commanded_unix_s.pop(vehicle_id, None)
         return agent.view(self._station.authority.controlled_by(agent.principal))
 
+    def warnings(self) -> list[Notice]:
+        """Agents that wait for a person."""
+        notices = [
+            Notice(
+                "agent",
+                f"Agent {each.agent} asks to fly {each.plan_name!r} with vehicle {each.vehicle}.",
+                vehicle=each.vehicle,
+            )
+            for each in self.requests.views()
+            if each.state == "waiting"
+        ]
+        for agent in self.all():
+            notices += [
+                Notice("agent", f"{text} Agent {agent.name} waits until it may continue.", vehicle=vehicle_id)
+                for vehicle_id, text in agent.paused.items()
+            ]
+        return notices
+
     # --- calls ----------------------------------------------------------------------------------
 
     async def call(
-        self,
-        agent: Agent,
-        tools: Mapping[str, Tool],
-        name: str,
-        arguments: Mapping[str, Any],
-        request: Request,
+        self, agent: Agent, tools: Mapping[str, Tool], name: str, arguments: Mapping[str, Any]
     ) -> tuple[str, bool]:
         """Executes a call of a tool. Returns the answer, and whether it was refused or has failed. Each call
         has a line in the journal: that of its command, or else its own."""
@@ -134,8 +141,9 @@ class Agents:
             self._require_within_limit(agent)
             tool = self._tool(agent, tools, name)
             if isinstance(tool, OwnTool):
-                value = await self._waits.wait(agent.principal, arguments)
-                self._note(agent, name, vehicle_id, arguments, READ, None, began_s)
+                value = await self._own(agent, tool, arguments)
+                result = READ if tool is WAIT else "ok"
+                self._note(agent, name, vehicle_id, arguments, result, None, began_s)
                 return answer_text(value), False
             path, query, body = tool.request(arguments)
             self._require_vehicle(agent, tool, vehicle_id)
@@ -147,12 +155,21 @@ class Agents:
             agent.commanded_unix_s[vehicle_id] = self._station.clock.unix_s()
         if vehicle_id is not None and tool.command.control == "lease":
             self._take_control(agent, vehicle_id)
-        status, answer = await request(agent, tool.method, path, query, body)
+        status, answer = await self._request(agent, tool.method, path, query, body)
         if status < 400:
             if not tool.command.journaled:
                 self._note(agent, name, vehicle_id, arguments, READ, None, began_s)
             return answer_text(answer), False
         return self._take_problem(agent, tool, vehicle_id, arguments, answer, began_s), True
+
+    async def _own(self, agent: Agent, tool: OwnTool, arguments: Mapping[str, Any]) -> dict[str, object]:
+        """Executes a tool that is no call of the API."""
+        if tool is WAIT:
+            return await self._waits.wait(agent.principal, arguments)
+        dry_run_id = arguments.get("dry_run_id")
+        if not isinstance(dry_run_id, str) or len(arguments) > 1:
+            raise InvalidRequest("dry_run_id", "The id of the dry run is needed, and nothing else.")
+        return asdict(await self.requests.ask(agent, dry_run_id))
 
     def _take_problem(
         self,
@@ -211,7 +228,8 @@ class Agents:
             raise Refused(
                 f"Vehicle {vehicle_id} is not proven to be simulated: {why} Nothing was sent.",
                 remedy="Commands of agents are accepted for vehicles that this server simulates (--sim), or "
-                "on links that a person opened with simulated=1.",
+                "on links that a person opened with simulated=1."
+                + (" Ask for the flight of a dry run: request_flight." if agent.scope == "fly" else ""),
             )
         self._look_for_pilot(agent, vehicle)
         if (paused := agent.paused.get(vehicle_id)) is not None and not ends:

@@ -1,4 +1,5 @@
-"""Tools that are no call of the API: waiting, so that an agent need not ask again and again."""
+"""Tools that are no call of the API: waiting, so that an agent need not ask again and again, and asking a
+person for a flight."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Protocol
 
+from gcs_server.agents.flight_requests import FlightRequestView
 from gcs_server.clock import Clock
 from gcs_server.control.authority import Authority
 from gcs_server.control.principal import Principal
@@ -17,7 +19,7 @@ from gcs_server.vehicle.fleet import Fleet
 LOOK_S: Final = 0.25
 MAX_WAIT_S: Final = 50.0
 """Clients of MCP give up after a minute."""
-STATES: Final = ("on_ground", "in_air", "disarmed", "hold", "operation_ended", "time")
+STATES: Final = ("on_ground", "in_air", "disarmed", "hold", "operation_ended", "request_answered", "time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +45,27 @@ WAIT: Final = OwnTool(
             "at_most_s": {"type": "number", "exclusiveMinimum": 0, "maximum": MAX_WAIT_S},
             "vehicle": {"type": "string", "description": "Id of the vehicle."},
             "operation_id": {"type": "string", "description": "For operation_ended."},
+            "request_id": {"type": "string", "description": "For request_answered."},
         },
         "required": ["until", "at_most_s"],
         "additionalProperties": False,
     },
 )
-OWN_TOOLS: Final = {tool.name: tool for tool in (WAIT,)}
+REQUEST_FLIGHT: Final = OwnTool(
+    "request_flight",
+    "fly",
+    "Asks a person on the page to allow the flight of a dry run: a stored plan on one vehicle, which is on "
+    "the ground and disarmed. The dry run has passed within the last five minutes. If the person allows it, "
+    "the server uploads and starts the plan, with this agent in control. Then wait until request_answered; "
+    "the flight holds if this agent neither waits nor calls for half a minute.",
+    {
+        "type": "object",
+        "properties": {"dry_run_id": {"type": "string", "description": "Id of the dry run."}},
+        "required": ["dry_run_id"],
+        "additionalProperties": False,
+    },
+)
+OWN_TOOLS: Final = {tool.name: tool for tool in (WAIT, REQUEST_FLIGHT)}
 
 
 class WaitedFor(Protocol):
@@ -61,10 +78,16 @@ class WaitedFor(Protocol):
 
 
 class Waits:
-    """Executes the tool `wait`."""
+    """Executes the tool `wait`.
 
-    def __init__(self, station: WaitedFor) -> None:
+    Args:
+        station: what can be waited for.
+        request: a request of a flight by its id; raises InvalidRequest if there is none.
+    """
+
+    def __init__(self, station: WaitedFor, request: Callable[[str], FlightRequestView]) -> None:
         self._station = station
+        self._request = request
 
     async def wait(self, principal: Principal, arguments: Mapping[str, Any]) -> dict[str, object]:
         """Waits, and returns the state.
@@ -95,6 +118,11 @@ class Waits:
 
     def _look(self, until: str, arguments: Mapping[str, Any]) -> Callable[[], tuple[bool, dict[str, object]]]:
         """A function that returns whether the state is reached, and the state."""
+        if until == "request_answered":
+            request_id = arguments.get("request_id")
+            if not isinstance(request_id, str):
+                raise InvalidRequest("request_id", "The id of the request is needed.")
+            return lambda: self._answer(request_id)
         if until == "operation_ended":
             operation_id = arguments.get("operation_id")
             if not isinstance(operation_id, str):
@@ -117,6 +145,10 @@ class Waits:
             "error": None if operation.error is None else str(operation.error),
         }
         return operation.state not in ("running", "waiting"), state
+
+    def _answer(self, request_id: str) -> tuple[bool, dict[str, object]]:
+        request = self._request(request_id)
+        return request.state not in ("waiting", "starting"), asdict(request)
 
     def _vehicle(self, vehicle_id: str, until: str) -> tuple[bool, dict[str, object]]:
         status = self._station.fleet.get(vehicle_id).status

@@ -16,7 +16,7 @@ from starlette.requests import Request as HttpRequest
 from starlette.types import Receive, Scope, Send
 
 from gcs_server.agents.agent import Agent
-from gcs_server.agents.agents import Agents, Request
+from gcs_server.agents.agents import Agents
 from gcs_server.agents.answers import UNTRUSTED
 from gcs_server.agents.documents import Documents
 from gcs_server.agents.own_tools import OWN_TOOLS, OwnTool
@@ -46,12 +46,11 @@ class Protocol:
 
     Args:
         agents: the agents.
-        request: calls the API.
         description: the API's description.
     """
 
-    def __init__(self, agents: Agents, request: Request, description: Mapping[str, Any]) -> None:
-        self._agents, self._request = agents, request
+    def __init__(self, agents: Agents, description: Mapping[str, Any]) -> None:
+        self._agents = agents
         self._tools = all_tools(description)
         self._documents = Documents(self._tools, description)
         server: Server[dict[str, Any]] = Server(
@@ -87,7 +86,7 @@ class Protocol:
         return types.CallToolResult(content=[types.TextContent(type="text", text=text)], is_error=failed)
 
     def _call(self, agent: Agent, name: str, arguments: Mapping[str, Any]) -> Awaitable[tuple[str, bool]]:
-        return self._agents.call(agent, self._tools, name, arguments, self._request)
+        return self._agents.call(agent, self._tools, name, arguments)
 
     async def _list_resources(
         self, context: ServerRequestContext[Any], _: types.PaginatedRequestParams | None

@@ -56,11 +56,10 @@ class AgentsEndpoint:
     Args:
         agents: the agents.
         supervisor: owns the task that serves them.
-        requests: calls the API for them.
     """
 
-    def __init__(self, agents: Agents, supervisor: Supervisor, requests: InProcessRequests) -> None:
-        self._agents, self._supervisor, self._requests = agents, supervisor, requests
+    def __init__(self, agents: Agents, supervisor: Supervisor) -> None:
+        self._agents, self._supervisor = agents, supervisor
         self._started: asyncio.Future[Protocol] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -96,4 +95,4 @@ class AgentsEndpoint:
     def _load(self) -> Protocol:
         from gcs_server.agents.protocol import Protocol
 
-        return Protocol(self._agents, self._requests, description())
+        return Protocol(self._agents, description())

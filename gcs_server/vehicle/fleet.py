@@ -46,7 +46,7 @@ class Notice:
     kind: str
     """link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
     be used), untested_release (of its autopilot), ros2_settings (of a vehicle that no ROS 2 link finds),
-    simulator, fault (of this program)."""
+    simulator, guard, agent (a program or an agent waits for a person), fault (of this program)."""
     text: str
     link: str | None = None
     vehicle: str | None = None

@@ -250,6 +250,48 @@ export interface paths {
         readonly patch?: never;
         readonly trace?: never;
     };
+    readonly "/api/v1/agents/requests/{request}/allow": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Allow Flight
+         * @description Allows the flight that an agent asks for: the server uploads and starts the plan, with control for the
+         *     agent. A caller with control gives it to the agent. Refused for agents, and if anything has changed since
+         *     the agent asked. Answers at once; `state` of the request says what has become of it.
+         */
+        readonly post: operations["allow_flight_api_v1_agents_requests__request__allow_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
+    readonly "/api/v1/agents/requests/{request}/refuse": {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path?: never;
+            readonly cookie?: never;
+        };
+        readonly get?: never;
+        readonly put?: never;
+        /**
+         * Refuse Flight
+         * @description Refuses the flight that an agent asks for. Nothing is sent to the vehicle.
+         */
+        readonly post: operations["refuse_flight_api_v1_agents_requests__request__refuse_post"];
+        readonly delete?: never;
+        readonly options?: never;
+        readonly head?: never;
+        readonly patch?: never;
+        readonly trace?: never;
+    };
     readonly "/api/v1/vehicles/{v}/autotune": {
         readonly parameters: {
             readonly query?: never;
@@ -4191,8 +4233,91 @@ export interface components {
             readonly refusals: readonly components["schemas"]["ProgramRefusal"][];
         };
         /**
+         * AgentFlightRequest
+         * @description A flight that an agent asks for.
+         */
+        readonly AgentFlightRequest: {
+            /**
+             * Id
+             * @description Id of the request.
+             */
+            readonly id: string;
+            /**
+             * Agent
+             * @description Name of the agent.
+             */
+            readonly agent: string;
+            /**
+             * Vehicle
+             * @description Id of the vehicle.
+             */
+            readonly vehicle: string;
+            /**
+             * Plan Id
+             * @description Id of the plan.
+             */
+            readonly plan_id: string;
+            /**
+             * Plan Version
+             * @description Version of the plan.
+             */
+            readonly plan_version: number;
+            /**
+             * Plan Name
+             * @description Name of the plan.
+             */
+            readonly plan_name: string;
+            /**
+             * Kind
+             * @description waypoint_plan or offboard_mission.
+             */
+            readonly kind: string;
+            /**
+             * Dry Run Id
+             * @description Id of the dry run, which passed on this vehicle.
+             */
+            readonly dry_run_id: string;
+            /**
+             * Dry Run Age S
+             * @description Time since the end of the dry run [s].
+             */
+            readonly dry_run_age_s: number;
+            /**
+             * Duration S
+             * @description Duration of the flight in the dry run [s]; null: not known.
+             */
+            readonly duration_s: number | null;
+            /**
+             * Findings
+             * @description Findings of the dry run, none of which is an error.
+             */
+            readonly findings: number;
+            /**
+             * State
+             * @description waiting for a person; refused by a person; expired: nobody answered; void: something has changed;
+             *     starting; started; failed.
+             * @enum {string}
+             */
+            readonly state: "waiting" | "refused" | "expired" | "void" | "starting" | "started" | "failed";
+            /**
+             * Text
+             * @description What has become of it, as a sentence.
+             */
+            readonly text: string;
+            /**
+             * Asked Unix S
+             * @description When it was asked for [s since 1970 UTC].
+             */
+            readonly asked_unix_s: number;
+            /**
+             * Expires In S
+             * @description Time left to answer [s]; 0 unless it waits.
+             */
+            readonly expires_in_s: number;
+        };
+        /**
          * AgentList
-         * @description All agents.
+         * @description All agents, and the flights that they ask for.
          */
         readonly AgentList: {
             /**
@@ -4200,6 +4325,11 @@ export interface components {
              * @description The named agents, and the unnamed ones together once they have called.
              */
             readonly agents: readonly components["schemas"]["Agent"][];
+            /**
+             * Requests
+             * @description The newest flights that agents have asked for, newest first.
+             */
+            readonly requests: readonly components["schemas"]["AgentFlightRequest"][];
         };
         /**
          * Altitude
@@ -13250,7 +13380,7 @@ export interface components {
              * Kind
              * @description link, recording, journal, duplicate_id, too_many (vehicles), telemetry (values of a vehicle that cannot
              *     be used), untested_release (of its autopilot), ros2_settings (of a vehicle that no ROS 2 link finds),
-             *     simulator, fault (of this program).
+             *     simulator, guard, agent (a program or an agent waits for a person), fault (of this program).
              */
             readonly kind: string;
             /**
@@ -22207,6 +22337,124 @@ export interface operations {
                 };
                 content: {
                     readonly "application/json": components["schemas"]["Agent"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly allow_flight_api_v1_agents_requests__request__allow_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly request: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["AgentFlightRequest"];
+                };
+            };
+            readonly 400: components["responses"]["Refused400"];
+            readonly 401: components["responses"]["Refused401"];
+            readonly 403: components["responses"]["Refused403"];
+            /** @description No such vehicle, group, link, plan, recording or operation. */
+            readonly 404: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 408: components["responses"]["Refused408"];
+            /** @description Refused by this server or by the vehicle, with the reason. */
+            readonly 409: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            readonly 413: components["responses"]["Refused413"];
+            readonly 414: components["responses"]["Refused414"];
+            readonly 422: components["responses"]["Refused422"];
+            readonly 429: components["responses"]["Refused429"];
+            readonly 431: components["responses"]["Refused431"];
+            readonly 503: components["responses"]["Refused503"];
+            /** @description The vehicle did not answer. */
+            readonly 504: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    readonly refuse_flight_api_v1_agents_requests__request__refuse_post: {
+        readonly parameters: {
+            readonly query?: never;
+            readonly header?: never;
+            readonly path: {
+                readonly request: string;
+            };
+            readonly cookie?: never;
+        };
+        readonly requestBody?: never;
+        readonly responses: {
+            /** @description Successful Response */
+            readonly 200: {
+                headers: {
+                    readonly [name: string]: unknown;
+                };
+                content: {
+                    readonly "application/json": components["schemas"]["AgentFlightRequest"];
                 };
             };
             readonly 400: components["responses"]["Refused400"];
