@@ -1,5 +1,5 @@
 """Time that a guarded link adds: parameter reads beside the vehicle's own link, and from a program's setpoint
-to its datagram to the vehicle, with the gaps between these.
+to its datagram to the vehicle, with the gaps between these; the same over ROS 2 (`guard_ros2.py`).
 
 Requests and setpoints come 50 times a second: a link that is busier is read in batches (`links/channel.py`).
 
@@ -9,7 +9,6 @@ the bench would delay it.
 
 from __future__ import annotations
 
-import itertools
 import json
 import socket
 import struct
@@ -23,8 +22,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from gcs_server.client import SyncGcs
 from tests.station import free_port, running_server, running_vehicles
 
+from .guard_ros2 import rows
 from .latency import vehicle_round_trips_s
-from .process import load_average, quantiles_ms
+from .process import gaps_s, row
 from .relay import Relay
 
 VEHICLE = 101
@@ -77,29 +77,22 @@ def table() -> Iterator[str]:
         SyncGcs(url, client="bench") as gcs,
     ):
         gcs.wait_for_vehicle(str(VEHICLE), ready=True)
-        yield _row(
+        yield row(
             "parameter read, the vehicle's own link", vehicle_round_trips_s(direct_port, VEHICLE, PERIOD_S)
         )
-        yield _row("parameter read, a guarded link", vehicle_round_trips_s(guard_tcp, VEHICLE, PERIOD_S))
+        yield row("parameter read, a guarded link", vehicle_round_trips_s(guard_tcp, VEHICLE, PERIOD_S))
         command = [sys.executable, "-m", "tests.bench.guard", str(guard_udp)]
         sent = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
         time.sleep(1.0)
         arrivals = [(relay.sent_at_s(north_m), sent_s) for north_m, sent_s in sent]
-        yield _row(
+        yield row(
             "setpoint to its datagram", [to_s - from_s for to_s, from_s in arrivals if to_s is not None]
         )
         first_s, last_s = sent[0][1], sent[-1][1]
         to_vehicle_s = [s for s in relay.arrivals_s()[VEHICLE] if first_s <= s <= last_s]
-        yield _row("gap between setpoints to the vehicle", _gaps_s(to_vehicle_s))
-        yield _row("gap between the program's own", _gaps_s([sent_s for _, sent_s in sent]))
-
-
-def _gaps_s(times_s: list[float]) -> list[float]:
-    return [b - a for a, b in itertools.pairwise(times_s)]
-
-
-def _row(what: str, durations_s: list[float]) -> str:
-    return f"| {what} | {load_average()} | {len(durations_s)} | {quantiles_ms(durations_s)} |"
+        yield row("gap between setpoints to the vehicle", gaps_s(to_vehicle_s))
+        yield row("gap between the program's own", gaps_s([sent_s for _, sent_s in sent]))
+    yield from rows()
 
 
 if __name__ == "__main__":

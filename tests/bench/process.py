@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
 from collections.abc import Sequence
@@ -65,3 +66,13 @@ def quantiles_ms(samples_s: Sequence[float]) -> str:
     p50 = ordered[len(ordered) // 2]
     p99 = ordered[min(len(ordered) - 1, int(len(ordered) * 0.99))]
     return f"{p50 * 1e3:.2f} / {p99 * 1e3:.2f} / {ordered[-1] * 1e3:.2f}"
+
+
+def gaps_s(times_s: Sequence[float]) -> list[float]:
+    """The times between events [s]."""
+    return [b - a for a, b in itertools.pairwise(times_s)]
+
+
+def row(what: str, durations_s: Sequence[float]) -> str:
+    """A row of a table of times."""
+    return f"| {what} | {load_average()} | {len(durations_s)} | {quantiles_ms(durations_s)} |"
