@@ -58,6 +58,24 @@ def test_a_fast_dds_program_flies_the_simulator_offboard(build: Build) -> None:
     assert [line.partition(":")[0] for line in result.stdout.splitlines()] == STEPS
 
 
+@pytest.mark.story
+def test_a_fast_dds_program_flies_through_a_guard(build: Build) -> None:
+    """The server is the vehicle in another namespace of the domain."""
+    program, guarded = build("offboard"), f"guarded_{os.getpid()}"
+    command = [sys.executable, "-m", "vehicle_sim", "--ros2", DOMAIN, "--ros2-namespace", NAMESPACE]
+    command += ["--px4", "1.16"]  # whose message types the program has
+    command += ["--gcs-remote-port", "0", "--no-api", "--no-log", "--tcp-port", str(station.free_port())]
+    links = [f"ros2://{DOMAIN}/{NAMESPACE}", f"ros2://{DOMAIN}/{guarded}?guard=free&client=program"]
+    with station.running_process(command), station.running_server(links) as (url, _):
+        result = subprocess.run(
+            [program, DOMAIN, guarded], capture_output=True, text=True, timeout=240, check=False
+        )
+        journal = httpx.get(f"{url}/api/v1/journal", timeout=10).json()["entries"]
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert [line.partition(":")[0] for line in result.stdout.splitlines()] == STEPS
+    assert "offboard/start" in [each["command"] for each in journal if each["client"] == "program"]
+
+
 def test_the_server_reads_telemetry_and_sends_commands_and_setpoints_over_fast_dds(
     build: Build, tmp_path: Path
 ) -> None:
