@@ -119,7 +119,7 @@ suite: $(VENV)/.browser web kernels
 
 test-clients: $(VENV)/.clients web kernels
 	@$(BIN)/python -m pytest -n 2 --dist loadscope -m "realtime and not (story or broad)" tests/e2e tests/integration tests/unit tests/protocol tests/api
-	@$(BIN)/python -m pytest tests/clients
+	@$(BIN)/python -m pytest -m "not story" tests/clients
 	@$(BIN)/python -m pytest -k "extremes or control_requests" tests/hostile
 
 nightly: $(VENV)/.clients web kernels
