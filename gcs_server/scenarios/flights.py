@@ -65,7 +65,7 @@ def _interrupted_if_stuck(limit_s: float) -> Generator[None]:
 
 
 async def _fly(scenario: Scenario, cell: Cell) -> FlownCell:
-    flight = _Flight(scenario, cell)
+    flight = ProgramFlight(scenario, cell)
     program = scenario.program
     silent = isinstance(program, RunProgram) and not program.uses_server
     async with Station(flight.fleet.sim, flight.after_tick, silent=silent) as station:
@@ -73,7 +73,7 @@ async def _fly(scenario: Scenario, cell: Cell) -> FlownCell:
     return FlownCell(cell, flight.flown(), station.recording())
 
 
-class _Flight:
+class ProgramFlight:
     """One flight, from boot until some time after the end of its program."""
 
     def __init__(self, scenario: Scenario, cell: Cell) -> None:

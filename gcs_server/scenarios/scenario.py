@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
+import yaml
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from gcs_server.scenarios.checks import AnyCheck, Energy, PythonCheck, function_of
@@ -42,7 +43,7 @@ from vehicle_sim.script import Event, event_from_fields
 from vehicle_sim.state import SimulationOrigin
 from vehicle_sim.world.files import load_world
 from vehicle_sim.world.world import World
-from vehicle_sim.yaml_fields import Fields, FileProblem, read_yaml
+from vehicle_sim.yaml_fields import Fields, FileProblem, parse_yaml, read_yaml
 
 T = TypeVar("T", bound=Model)
 VEHICLE = "vehicle"
@@ -233,6 +234,10 @@ class Scenario:
         combined = itertools.product(matrix.winds, matrix.faults, matrix.px4, matrix.seeds)
         return [Cell(*each) for each in combined]
 
+    def with_vehicles(self, count: int) -> Scenario:
+        """The same scenario with another number of vehicles."""
+        return replace(self, document=self.document.model_copy(update={"vehicles": count}))
+
     @property
     def vehicle_names(self) -> tuple[str, ...]:
         """Names of the vehicles of a flight: the mission's roles."""
@@ -251,8 +256,8 @@ def find(paths: Sequence[Path]) -> list[Path]:
     files: list[Path] = []
     for path in paths:
         if path.is_dir():
-            found = sorted(each for each in path.rglob("*") if each.suffix in SUFFIXES)
-            files += [each for each in found if f"format: {FORMAT}" in each.read_text("utf-8", "replace")]
+            found = sorted(path.rglob("*"))
+            files += [each for each in found if is_scenario(each)]
         else:
             files.append(path)
     if not files:
@@ -263,13 +268,40 @@ def find(paths: Sequence[Path]) -> list[Path]:
     return list(dict.fromkeys(files))
 
 
+def is_scenario(path: Path) -> bool:
+    """Whether a file says that it is a scenario."""
+    try:
+        return path.suffix in SUFFIXES and f"format: {FORMAT}" in path.read_text("utf-8", "replace")
+    except OSError:
+        return False
+
+
 def load(path: Path) -> Scenario:
     """Reads a scenario and the files that it names.
 
     Raises:
         FileProblem: a file is invalid; the text names file, line, field and fix.
     """
-    fields = read_yaml(path)
+    return _from_fields(read_yaml(path), path)
+
+
+def from_value(value: Mapping[str, Any], path: Path) -> Scenario:
+    """A scenario of plain values; files that it names are beside `path`, which errors name.
+
+    Raises:
+        FileProblem: a value is invalid.
+    """
+    return _from_fields(parse_yaml(yaml.safe_dump(_plain(value)), str(path)), path)
+
+
+def _plain(value: Any) -> Any:
+    """Values that YAML can write: lists instead of tuples."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def _from_fields(fields: Fields, path: Path) -> Scenario:
     document = _validated(ScenarioDocument, fields)
     matrix, matrix_fields = document.matrix, fields.mapping("matrix") if _is_inline(document) else None
     if isinstance(matrix, str):

@@ -154,6 +154,13 @@ def _open_ports(program: RunProgram, px4: str, station: Station, stack: ExitStac
     return values
 
 
+async def open_guard(station: Station) -> str:
+    """Opens a guarded link of the first vehicle at a free port; returns host and port."""
+    address = f"{HOST}:{_free_port('vehicle_port')}"
+    station.app.state.server.router.add_link(f"udpin://{address}?{GUARD_OPTIONS}")
+    return address
+
+
 def _open_vehicle_ports(values: Mapping[str, object], station: Station, stack: ExitStack) -> None:
     """Opens the vehicles' own ports: those of vehicle N are N higher."""
     hears = int(str(values.get("vehicle_port", 0)))
