@@ -33,7 +33,7 @@ class FuturesSpread:
     """Inertia of each axis, as a part of it, besides that of the mass."""
     lag: float = 0.15
     """Time constant of the motors, as a part of it."""
-    velocity_m_s: float = 0.2
+    velocity_m_s: float = 0.25
     """Error of the velocity estimate on each axis."""
     unsettled_m_s2: float = 0.4
     """Acceleration on each axis that the velocity controller's integral has besides that against drag and

@@ -45,7 +45,7 @@ SAMPLE_TICKS = 5
 """A sample is kept every so many ticks: 10 Hz."""
 POSITION_ERROR_S, VELOCITY_ERROR_S = 8.0, 4.0
 """Correlation times of the errors of the estimate."""
-EXCESS_HORIZONTAL, EXCESS_VERTICAL = 1.3, 1.6
+EXCESS_HORIZONTAL, EXCESS_VERTICAL = 1.5, 2.2
 """The errors of the estimate are so many times as large as the estimator states them: in manoeuvres of the
 simulated PX4 they are."""
 PARKED_M_S = 0.5

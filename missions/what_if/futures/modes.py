@@ -19,6 +19,8 @@ from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import EstimateState
 
+SLOW_M_S = 1.0
+"""A vehicle in Hold that moves slower may keep its position."""
 FACED_M = 1.0
 """The nose does not turn to a nearer target, as in `Path.face`."""
 
@@ -49,6 +51,10 @@ class ModeFlights:
         count = len(setpoints.level)
         continues = start.in_hold and isinstance(command, GoTo)
         self._turns_with_m_s = self._value("MPC_XY_CRUISE") * keeps_speed if continues else np.zeros(count)
+        slow = continues and math.hypot(*start.velocity_ned_m_s) < SLOW_M_S
+        self._moves = keeps_speed if slow else np.ones(count)
+        """Part of the estimated velocity with which a trajectory begins: that of a vehicle that keeps its
+        position may be at rest, whatever the wind does with the vehicle."""
         self._arrays = TickArrays.for_count(count)
         settings = np.array([store.finite_value(name) for name in SETTINGS])
         if not store.px4.smooths_heading:
@@ -64,7 +70,8 @@ class ModeFlights:
         for row in np.flatnonzero(rows).tolist():
             position, velocity = estimate.position_ned_m[row], estimate.velocity_ned_m_s[row]
             arrays.axes[row] = 0.0
-            arrays.axes[row, :, POSITION], arrays.axes[row, :, VELOCITY] = position, velocity
+            arrays.axes[row, :, POSITION] = position
+            arrays.axes[row, :, VELOCITY] = self._moves[row] * velocity
             arrays.before_turn_m_s[row] = self._turns_with_m_s[row]
             arrays.yaw[row] = 0.0
             arrays.yaw[row, YAW] = arrays.yaw[row, YAW_TARGET] = estimate.heading_rad[row]

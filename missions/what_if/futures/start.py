@@ -118,7 +118,7 @@ class Deviations:
             battery=1.0 + spread.battery * z[:, 8],
             settled=even[:, 1],
             unsettled_m_s2=spread.unsettled_m_s2 * z[:, 9:12],
-            keeps_speed=even[:, 3],
+            keeps_speed=even[:, 3] ** 2,
             delay_s=delay.shortest_s + (delay.longest_s - delay.shortest_s) * even[:, 2],
         )
 

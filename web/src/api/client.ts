@@ -94,8 +94,14 @@ export class ApiClient {
     headers.set('Accept', 'application/json');
     headers.set('X-Client', this.name);
     if (typeof this.identity !== 'string') headers.set('X-Client-Id', this.identity.id);
-    return this.fetch(url, { ...init, headers, signal: AbortSignal.timeout(TIMEOUT_MS) });
+    return this.fetch(url, { ...init, headers, signal: endedBy(init.signal) });
   }
+}
+
+/** Ends a request after its timeout, or when its caller no longer needs it. */
+function endedBy(caller: AbortSignal | null | undefined): AbortSignal {
+  const timeout = AbortSignal.timeout(TIMEOUT_MS);
+  return caller === null || caller === undefined ? timeout : AbortSignal.any([caller, timeout]);
 }
 
 /** The path parameter of a call to one vehicle's API. */

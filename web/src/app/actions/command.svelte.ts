@@ -6,6 +6,7 @@
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { ConfirmationTexts } from './actions';
+import type { FuturesBody } from '../futures/futures';
 
 export interface Command {
   /** The command's name, for progress texts and refusals. */
@@ -46,6 +47,8 @@ export function commandTo(
 export interface CommandToConfirm extends Command {
   /** Returns the present texts of the confirmation, for the vehicles of the command. */
   readonly texts: () => ConfirmationTexts;
+  /** What the server flies in simulation while the confirmation is open, for the command's vehicle; missing: nothing. */
+  readonly futures?: () => FuturesBody;
 }
 
 /** What identifies a command: the same command is not sent again before it has an answer. */

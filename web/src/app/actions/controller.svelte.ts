@@ -18,7 +18,8 @@ import {
   type ConfirmationTexts,
   type GotoTarget,
 } from './actions';
-import type { StreamStart } from '../../vehicle/setpoint';
+import { toRequestSetpoint, type StreamStart } from '../../vehicle/setpoint';
+import type { FuturesBody } from '../futures/futures';
 import { userSettings } from '../settings.svelte';
 import { acceptanceOf, closingProblem, CommandGate, DOUBLE_CLICK, type Command, type CommandToConfirm, type FixedVehicles, type Given } from './command.svelte';
 import { ConfirmationSlider } from './confirmation';
@@ -67,6 +68,9 @@ const DEFAULT_TAKEOFF_ALT_HOME_M = 10;
 const IGNORE_KEYS_S = 0.6;
 /** Name of PX4's parameter for the return altitude [m above home]. */
 const RETURN_ALT_PARAM = 'RTL_RETURN_ALT';
+/** Futures reach at least so far [s], and so many times the expected time of a flight. */
+const MIN_HORIZON_S = 20;
+const FLIGHT_TIME_MARGIN = 1.4;
 /** Actions that end what the vehicle is doing: a pilot can always give them again. */
 const STOPS: ReadonlySet<ActionName> = new Set(['hold', 'land', 'land_now', 'rtl', 'kill']);
 /** The API's limits of the take-off altitude [m above home]. */
@@ -74,6 +78,17 @@ export const TAKEOFF_RANGE_M = BOUNDS.TakeoffRequest.alt_home_m;
 
 function notPossibleNow(detail: string): Problem {
   return { title: 'Not possible now', detail, reasons: [], remedy: null, code: 'refused', status: 0, field: null };
+}
+
+/** What the server flies in simulation before a go-to or the start of a stream in the air; null: nothing. */
+function futuresOf(action: ActionName, { inAir }: VehicleFacts, target: GotoTarget | null, streamStart: StreamStart | null): (() => FuturesBody) | null {
+  if (action === 'goto' && target !== null) {
+    const { lat_deg, lon_deg, alt_home_m, time_s } = target;
+    const horizon_s = Math.min(BOUNDS.FuturesRequest.horizon_s.max, Math.max(MIN_HORIZON_S, Math.ceil(FLIGHT_TIME_MARGIN * (time_s ?? 0))));
+    return () => ({ goto: { lat_deg, lon_deg, alt_home_m }, horizon_s });
+  }
+  if (action !== 'offboard_start' || streamStart === null || !inAir) return null;
+  return () => ({ setpoint: toRequestSetpoint(streamStart.newest?.() ?? streamStart.setpoint) });
 }
 
 export class ActionController {
@@ -153,7 +168,8 @@ export class ActionController {
       return;
     }
     const texts = (): ConfirmationTexts => confirmationTexts(action, this.actionFactsOf(this.currentFacts(facts)), target, streamStart) ?? initialTexts;
-    this.ask(action, { ...command, texts }, pagePart);
+    const futures = futuresOf(action, facts, target, streamStart);
+    this.ask(action, futures === null ? { ...command, texts } : { ...command, texts, futures }, pagePart);
     if (action === 'rtl') void this.loadReturnAltitude(facts.id);
   }
 

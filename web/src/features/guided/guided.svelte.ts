@@ -1,6 +1,7 @@
 /** The draft of a guided command, its limits, and the commands that the vehicles have accepted. */
 
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
+import type { ConfirmationTexts } from '../../app/actions/actions';
 import { commandTo } from '../../app/actions/command.svelte';
 import { MAIN_PART, type ActionController } from '../../app/actions/controller.svelte';
 import type { LayerContent, LayerEditor } from '../../app/map-layers.svelte';
@@ -10,6 +11,7 @@ import type { DeviceFollowing } from './device.svelte';
 import { followStart } from './follow';
 import {
   confirmationTexts,
+  futuresOf,
   FIELDS,
   followingOf,
   headingTo,
@@ -171,7 +173,9 @@ export class GuidedCommands {
       return outcome;
     };
     const command = commandTo(facts, KIND_NAMES[draft.kind], send, { changed, acceptsFindings: true });
-    this.actions.requestCommand({ ...command, texts: () => confirmationTexts(draft, present(), this.limitsOf(facts.id)) }, MAIN_PART);
+    const texts = (): ConfirmationTexts => confirmationTexts(draft, present(), this.limitsOf(facts.id));
+    const futures = futuresOf(draft, at);
+    this.actions.requestCommand(futures === null ? { ...command, texts } : { ...command, texts, futures: () => futures }, MAIN_PART);
   }
 
   /** @param codes findings about the geofence that the person has accepted. */

@@ -3,6 +3,7 @@
 import { boundIn, unitText } from '../../ui/units';
 import { BOUNDS } from '../../api/bounds';
 import type { ConfirmationTexts } from '../../app/actions/actions';
+import type { FuturesBody } from '../../app/futures/futures';
 import type { LayerContent, LayerPosition } from '../../app/map-layers.svelte';
 import { distanceText, heading, heightText, lengthText, shortText, speedText, UNKNOWN, wrap180 } from '../../ui/format';
 import type { VehicleFacts } from '../../vehicle/facts';
@@ -287,6 +288,15 @@ function homeText(draft: Draft, facts: VehicleFacts, limits: Limits, at: GeoPosi
 export function confirmationTexts(draft: Draft, facts: VehicleFacts, limits: Limits): ConfirmationTexts {
   const effect = [effectText(draft, facts, limits), fenceText(draft, facts, limits)].filter(Boolean).join(' ');
   return { title: `${KIND_NAMES[draft.kind]}: ${facts.name}`, effect, verb: VERBS[draft.kind], danger: false };
+}
+
+/** What the server flies in simulation before the command is given; null: nothing. */
+export function futuresOf(draft: Draft, { lat_deg, lon_deg }: GeoPosition): FuturesBody | null {
+  const alt_home_m = number(draft, 'alt_home_m');
+  if (draft.kind === 'altitude') return { altitude: { alt_home_m } };
+  if (draft.kind !== 'go') return null;
+  const [speed_m_s, yaw_ned_deg] = [numberOf(draft, 'speed_m_s'), numberOf(draft, 'yaw_ned_deg')];
+  return { goto: { lat_deg, lon_deg, alt_home_m, ...(speed_m_s === null ? {} : { speed_m_s }), ...(yaw_ned_deg === null ? {} : { yaw_ned_deg }) } };
 }
 
 export function circle(centre: GeoPosition, radius_m: number): GeoPosition[] {

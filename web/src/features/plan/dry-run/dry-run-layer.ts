@@ -3,6 +3,7 @@
  * Pure functions.
  */
 
+import { corridorRings } from '../../../app/corridor';
 import type { LayerContent } from '../../../app/map-layers.svelte';
 import { distance, durationText, fixed, lengthText } from '../../../ui/format';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
@@ -29,9 +30,6 @@ const DEG_PER_RAD = 180 / Math.PI;
 const HALF_FIELD_OF_VIEW_DEG = 27;
 /** Shortest and longest drawn camera footprint [m]. */
 const FOOTPRINT_LENGTH_M = { min: 4, max: 15 } as const;
-/** The corridor is drawn at samples at least `step_m` apart, as areas of `segments_per_area` segments between samples. */
-const CORRIDOR = { step_m: 0.5, segments_per_area: 4 } as const;
-
 /** The simulated flight of each vehicle under the given conditions, without variation. */
 const nominalFlights = (result: DryRunResult): readonly SimulatedFlight[] => (result.group == null ? [result.nominal] : Object.values(result.group.roles));
 
@@ -85,37 +83,6 @@ function cameraFootprint(vehicle: SimulatedVehicle): GeoPosition[] {
   return [{ lat_deg: vehicle.lat_deg, lon_deg: vehicle.lon_deg }, farPoint(-HALF_FIELD_OF_VIEW_DEG), farPoint(0), farPoint(HALF_FIELD_OF_VIEW_DEG)];
 }
 
-/**
- * The corridor, which extends to both sides of the path by the 95th percentile of the horizontal deviation. Several short
- * areas, because a single ring around a path that turns back would cross itself.
- */
-function corridorRings(origin: SimulatedFlight['origin'], { corridor }: MonteCarlo): GeoPosition[][] {
-  if (corridor === null) return [];
-  const samples: { north_m: number; east_m: number; deviation_m: number }[] = [];
-  corridor.position_ned_m.forEach(([north_m = 0, east_m = 0]: Vector, i) => {
-    const last = samples.at(-1);
-    if (last === undefined || Math.hypot(north_m - last.north_m, east_m - last.east_m) >= CORRIDOR.step_m)
-      samples.push({ north_m, east_m, deviation_m: corridor.horizontal_m.p95[i] ?? 0 });
-  });
-  const edgePoints = samples.map((sample, i) => {
-    const [previousSample, nextSample] = [samples[Math.max(0, i - 1)] ?? sample, samples[Math.min(samples.length - 1, i + 1)] ?? sample];
-    const [north, east] = [nextSample.north_m - previousSample.north_m, nextSample.east_m - previousSample.east_m];
-    const length = Math.hypot(north, east) || 1;
-    const side = (sign: number): GeoPosition =>
-      positionAt(origin, {
-        north_m: sample.north_m - (sign * sample.deviation_m * east) / length,
-        east_m: sample.east_m + (sign * sample.deviation_m * north) / length,
-      });
-    return { left: side(-1), right: side(1) };
-  });
-  const rings: GeoPosition[][] = [];
-  for (let start = 0; start < edgePoints.length - 1; start += CORRIDOR.segments_per_area) {
-    const areaEdgePoints = edgePoints.slice(start, start + CORRIDOR.segments_per_area + 1);
-    rings.push([...areaEdgePoints.map(({ left }) => left), ...areaEdgePoints.reverse().map(({ right }) => right)]);
-  }
-  return rings;
-}
-
 /** Paths and corridors, in the colour of planned paths. They do not depend on the time. */
 export function dryRunLayer(result: DryRunResult): LayerContent {
   const paths = nominalFlights(result).map(({ path, origin }) =>
@@ -124,7 +91,7 @@ export function dryRunLayer(result: DryRunResult): LayerContent {
   return {
     lines: paths.filter((positions) => positions.length > 1).map((positions) => ({ positions, tone: 'target', style: 'dotted' })),
     areas: monteCarloByRole(result)
-      .flatMap(([, monteCarlo]) => corridorRings(result.nominal.origin, monteCarlo))
+      .flatMap(([, { corridor }]) => (corridor === null ? [] : corridorRings(result.nominal.origin, corridor.position_ned_m, corridor.horizontal_m.p95)))
       .map((ring) => ({ ring, tone: 'target' })),
     points: [],
   };
