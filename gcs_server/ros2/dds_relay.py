@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleState, ViewState, WaitSet
@@ -29,43 +28,59 @@ class RelayPort:
 
     Args:
         address: domain and namespace.
-        read: the topics to read, each with the number of messages that are kept until the next reading.
-        written: the topics to write.
         as_vehicle: whether the topics are offered and read as PX4's agent does, to programs; otherwise as a
             program does, to the vehicle.
 
     Raises:
-        DdsUnavailable: DDS cannot create the participant, a reader or a writer.
+        DdsUnavailable: DDS cannot create the participant.
     """
 
-    def __init__(
-        self,
-        address: DdsAddress,
-        read: Iterable[tuple[TopicFormat, int]],
-        written: Iterable[TopicFormat],
-        *,
-        as_vehicle: bool,
-    ) -> None:
+    def __init__(self, address: DdsAddress, *, as_vehicle: bool) -> None:
+        self._address = address
         local, volatile = Policy.Durability.TransientLocal, Policy.Durability.Volatile
-        offered, wanted = (local, volatile) if as_vehicle else (volatile, local)
+        offered, self._wanted = (local, volatile) if as_vehicle else (volatile, local)
         domain = open_domain(address.domain_id, address.interface)
         self._readers: list[tuple[str, int, Any, Participants]] = []
         try:
             with types_lock:
-                participant = DomainParticipant(address.domain_id)
-                self._waitset = WaitSet(participant)
-                self._writers = Writers(participant, address.namespace, domain, offered)
-                for each in written:
-                    self._writers.prepare(each.topic, each.message, each.name)
-                for each, depth in read:
-                    reader: Any = open_reader(
-                        participant, each.name, each.message, depth, address.namespace, wanted
-                    )
-                    self._readers.append((each.topic, depth, reader, Participants(reader)))
-                    mask = SampleState.Any | ViewState.Any | InstanceState.Any
-                    self._waitset.attach(ReadCondition(reader, mask))
+                self._participant = DomainParticipant(address.domain_id)
+                self._waitset = WaitSet(self._participant)
+                self._writers = Writers(self._participant, address.namespace, domain, offered)
         except DDSException as problem:
-            raise DdsUnavailable(open_error(address.domain_id, address.interface, problem)) from None
+            raise self._unavailable(problem) from None
+
+    def _unavailable(self, problem: DDSException) -> DdsUnavailable:
+        return DdsUnavailable(open_error(self._address.domain_id, self._address.interface, problem))
+
+    def write(self, topic: TopicFormat) -> None:
+        """Prepares a topic that is written. Raises DdsUnavailable."""
+        try:
+            with types_lock:
+                self._writers.prepare(topic.topic, topic.message, topic.name)
+        except DDSException as problem:
+            raise self._unavailable(problem) from None
+
+    def read(self, topic: TopicFormat, depth: int) -> None:
+        """Reads a topic, too; called by the thread that waits.
+
+        Args:
+            topic: the topic.
+            depth: number of messages that are kept until the next reading.
+
+        Raises:
+            DdsUnavailable: DDS cannot create the reader.
+        """
+        address = self._address
+        try:
+            with types_lock:
+                reader: Any = open_reader(
+                    self._participant, topic.name, topic.message, depth, address.namespace, self._wanted
+                )
+                self._readers.append((topic.topic, depth, reader, Participants(reader)))
+                mask = SampleState.Any | ViewState.Any | InstanceState.Any
+                self._waitset.attach(ReadCondition(reader, mask))
+        except DDSException as problem:
+            raise self._unavailable(problem) from None
 
     def wait(self, timeout_s: float) -> list[tuple[str, str, bytes]]:
         """The messages since the last call, each with its topic and the participant that sent it; waits for

@@ -10,8 +10,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Final
 
 from gcs_server.links.base import DdsAddress, Link, Peer
@@ -20,7 +21,7 @@ from gcs_server.mavlink.codec import FrameParser
 from gcs_server.ros2.formats import REQUEST, RESPONSE, TopicFormat
 from gcs_server.ros2.message_types import MESSAGES, MalformedMessage, Values
 from gcs_server.ros2.program_topics import LOCAL_POSITION, NOT_PASSED, REFUSED, WAYS, ProgramTopics
-from gcs_server.ros2.topics import COMMAND, COMMAND_ACK
+from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, STATUS
 
 if TYPE_CHECKING:
     from gcs_server.ros2.dds_relay import RelayPort
@@ -35,11 +36,12 @@ LOOK_EVERY_S: Final = 1.0
 """Period at which ended programs are found, and at which a refusal is repeated [s]."""
 RETRY_S: Final = 5.0
 MAX_PROGRAMS: Final = 16
-COMMAND_DEPTH: Final = 8
+DEPTHS: Final = {COMMAND: 8, REQUEST: 8, RESPONSE: 8}
+"""Messages of a topic that are kept until the next reading; of any other the newest."""
 NO_VEHICLE: Final = "The vehicle is not connected over ROS 2: add a ros2:// link to it (POST /links)."
 SETTLING: Final = "The layouts of the vehicle's topics are being confirmed."
-OpenRelay = Callable[[DdsAddress, "Sequence[TopicFormat]", "DdsAddress"], "tuple[RelayPort, RelayPort]"]
-"""(address of the programs, the vehicle's topics, address of the vehicle) → programs' end, vehicle's end."""
+OpenRelay = Callable[[DdsAddress, DdsAddress], "tuple[RelayPort, RelayPort]"]
+"""(address of the programs, address of the vehicle) → programs' end, vehicle's end."""
 OnRefused = Callable[[Peer, str, str], None]
 """(peer, topic, why)"""
 
@@ -92,7 +94,7 @@ class Ros2GuardLink(Link):
         if (vehicle, system_id) != (self._wanted, self._system_id):
             self._wanted, self._system_id, self._changed_s = vehicle, system_id, now_s
         run, detail = self._run, self._obstacle(vehicle)
-        if run is not None and (run.vehicle != vehicle or run.system_id != system_id):
+        if run is not None and (vehicle is None or detail or not run.goes_on(vehicle, system_id)):
             self._close_and_forget_peers()
             run = None
         if run is not None or self._state != "open":
@@ -179,20 +181,23 @@ class Ros2GuardLink(Link):
 
 
 class _Run:
-    """The topics of one vehicle for as long as they stay the same: two threads, one for each end."""
+    """The topics of one vehicle: two threads, one for each end."""
 
     def __init__(
         self, link: Ros2GuardLink, loop: asyncio.AbstractEventLoop, vehicle: DdsAddress, system_id: int
     ) -> None:
         self._link, self._loop = link, loop
-        self.vehicle, self.system_id = vehicle, system_id
+        self._vehicle, self._system_id = vehicle, system_id
         self.stop = threading.Event()
         self.delivered = threading.Event()
         """Set while the event loop has no unread messages: until then DDS keeps only the newest."""
         self.delivered.set()
-        self._formats = {each[0]: TopicFormat(*each) for each in vehicle.formats}
-        for topic, kind in ((REQUEST, "MessageFormatRequest"), (RESPONSE, "MessageFormatResponse")):
-            self._formats[topic] = TopicFormat(topic, topic, kind, MESSAGES[kind].hash)
+        self._formats: dict[str, TopicFormat] = {}
+        self._to_vehicle: SimpleQueue[TopicFormat] = SimpleQueue()
+        self._to_programs: SimpleQueue[TopicFormat] = SimpleQueue()
+        """Topics that the threads have yet to open."""
+        self._add(_always())
+        self._add({each[0]: TopicFormat(*each) for each in vehicle.formats})
         self._programs: dict[str, ProgramTopics] = {}
         self._position: bytes | None = None
         """The vehicle's newest VehicleLocalPosition."""
@@ -201,6 +206,24 @@ class _Run:
         self._ends: tuple[RelayPort, RelayPort] | None = None
         """The programs' end and the vehicle's."""
         self._threads = [threading.Thread(target=self._main, name=f"link {link.name}", daemon=True)]
+
+    def goes_on(self, vehicle: DdsAddress, system_id: int) -> bool:
+        """Whether these are the topics of the same vehicle. PX4's agent announces a topic with its first
+        message, many only in flight: they are opened then."""
+        if (replace(vehicle, formats=()), system_id) != (replace(self._vehicle, formats=()), self._system_id):
+            return False
+        formats = {each[0]: TopicFormat(*each) for each in vehicle.formats}
+        same = all(self._formats[topic] == each for topic, each in formats.items() if topic in self._formats)
+        if same and STATUS in formats:
+            self._add(formats)
+            return True
+        return False
+
+    def _add(self, formats: Mapping[str, TopicFormat]) -> None:
+        for topic, each in formats.items():
+            if topic not in self._formats:
+                self._formats[topic] = each
+                (self._to_vehicle if topic.startswith("/fmu/in/") else self._to_programs).put(each)
 
     def start(self) -> None:
         """Starts the threads."""
@@ -251,12 +274,16 @@ class _Run:
 
     def open(self) -> None:
         """Opens both ends. Raises DdsUnavailable."""
-        self._ends = self._link.open_relay(self._link.address, tuple(self._formats.values()), self.vehicle)
+        self._ends = self._link.open_relay(self._link.address, replace(self._vehicle, formats=()))
 
     def pass_telemetry(self, timeout_s: float) -> None:
         """Passes the vehicle's messages to the programs; waits for the first one, at most for the timeout."""
         assert self._ends is not None
         programs, vehicle = self._ends
+        while not self._to_programs.empty():
+            each = self._to_programs.get()
+            programs.write(each)
+            vehicle.read(each, DEPTHS.get(each.topic, 1))
         for topic, _, data in vehicle.wait(timeout_s):
             if topic == LOCAL_POSITION:
                 self._position = data
@@ -268,6 +295,11 @@ class _Run:
         """Takes the messages of the programs; waits for the first one, at most for the timeout."""
         assert self._ends is not None
         programs, vehicle = self._ends
+        while not self._to_vehicle.empty():
+            each = self._to_vehicle.get()
+            programs.read(each, DEPTHS.get(each.topic, 1))
+            if WAYS.get(each.topic) in ("read", "sensor"):
+                vehicle.write(each)
         messages, now_s = programs.wait(timeout_s), self._loop.time()
         frames: dict[str, bytes] = {}
         for topic, name, data in messages:
@@ -299,7 +331,7 @@ class _Run:
         if program is None:
             if len(self._programs) >= MAX_PROGRAMS:
                 return b""
-            program = self._programs[name] = ProgramTopics(self.system_id)
+            program = self._programs[name] = ProgramTopics(self._system_id)
         try:
             return program.take(topic, self._decode(topic, data), now_s)
         except (MalformedMessage, ValueError, OverflowError) as problem:
@@ -340,14 +372,20 @@ class _Run:
             self._loop.call_soon_threadsafe(call, self, *arguments)
 
 
-def open_relay(
-    programs: DdsAddress, topics: Sequence[TopicFormat], vehicle: DdsAddress
-) -> tuple[RelayPort, RelayPort]:
+def _always() -> dict[str, TopicFormat]:
+    """Topics that are offered before the vehicle has announced them; their layouts are equal in all versions
+    of PX4. The first answer to a command is often the first message of its topic."""
+    kinds = {
+        REQUEST: "MessageFormatRequest", RESPONSE: "MessageFormatResponse", COMMAND_ACK: "VehicleCommandAck"
+    }  # fmt: skip
+    return {topic: TopicFormat(topic, topic, kind, MESSAGES[kind].hash) for topic, kind in kinds.items()}
+
+
+def open_relay(programs: DdsAddress, vehicle: DdsAddress) -> tuple[RelayPort, RelayPort]:
     """Both ends of a guarded link.
 
     Args:
         programs: where programs are.
-        topics: the vehicle's topics.
         vehicle: where the vehicle is.
 
     Raises:
@@ -355,16 +393,4 @@ def open_relay(
     """
     from gcs_server.ros2.dds_relay import RelayPort
 
-    out = [each for each in topics if each.topic.startswith("/fmu/out/")]
-    to_vehicle = [each for each in topics if each.topic.startswith("/fmu/in/")]
-    passed = [each for each in to_vehicle if WAYS.get(each.topic) in ("read", "sensor")]
-    depths = {COMMAND: COMMAND_DEPTH, REQUEST: COMMAND_DEPTH, RESPONSE: COMMAND_DEPTH}
-    return (
-        RelayPort(programs, [(each, depths.get(each.topic, 1)) for each in to_vehicle], out, as_vehicle=True),
-        RelayPort(
-            replace(vehicle, formats=()),
-            [(each, depths.get(each.topic, 1)) for each in out],
-            passed,
-            as_vehicle=False,
-        ),
-    )
+    return RelayPort(programs, as_vehicle=True), RelayPort(vehicle, as_vehicle=False)

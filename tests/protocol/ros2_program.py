@@ -33,6 +33,7 @@ class MemoryEnd:
         self.unread: list[tuple[str, str, bytes]] = []
         self.sent: list[tuple[str, bytes]] = []
         self.there: set[str] = set()
+        self.opened: list[str] = []
 
     def wait(self, _timeout_s: float) -> list[tuple[str, str, bytes]]:
         taken, self.unread = self.unread, []
@@ -40,6 +41,12 @@ class MemoryEnd:
 
     def send(self, topic: str, data: bytes) -> None:
         self.sent.append((topic, data))
+
+    def read(self, topic: Any, _depth: int) -> None:
+        self.opened.append(topic.topic)
+
+    def write(self, topic: Any) -> None:
+        self.opened.append(topic.topic)
 
     def participants(self) -> set[str]:
         return self.there
