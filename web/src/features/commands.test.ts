@@ -56,6 +56,7 @@ const { replay } = await import('./replay/controllers');
 const { library: flights, vehicleLogs, afterLanding } = await import('./flights/controllers');
 const { linkList } = await import('./status/controllers');
 const { continueCommand } = await import('./programs/programs.svelte');
+const { allowCommand, continueAgentCommand, refuseCommand } = await import('./programs/agents.svelte');
 
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
 provide('gimbal', gimbalControl);
@@ -70,6 +71,7 @@ const GROUP = {
   members: ['1', '3'].map((vehicle) => ({ vehicle, role: null, held: false, ordered_type: 'velocity' })),
 };
 const MISSION = { name: 'Test', steps: [], actions: {}, fence: [], lists: {} } as never;
+const AGENT_REQUEST = { id: '7', agent: 'helper', plan_name: 'Round', plan_version: 1, dry_run_age_s: 1, duration_s: 60, findings: 0 } as never;
 const OFFER = {
   item: 1,
   title: 'Waypoint',
@@ -342,6 +344,21 @@ const COMMANDS: Readonly<Record<string, PageCommand>> = {
   'let a program continue': {
     vehicles: [],
     click: (facts) => actions.requestCommand(continueCommand(page.api, facts, { name: 'guard', client: 'Program' } as never), 'programs'),
+  },
+  'let an agent continue': {
+    click: (facts) => actions.requestCommand(continueAgentCommand(page.api, facts, { name: 'helper' } as never), 'agents'),
+  },
+  'allow the flight of an agent': {
+    vehicles: [],
+    click: (facts) =>
+      actions.requestCommand(
+        allowCommand(page.api, facts, AGENT_REQUEST, () => true),
+        'agents',
+      ),
+  },
+  'refuse the flight of an agent': {
+    vehicles: [],
+    click: (facts) => actions.attempt(refuseCommand(page.api, facts, AGENT_REQUEST), 'agents'),
   },
   'select a flight mode': {
     click: (facts) =>

@@ -15,6 +15,7 @@ const PRESENT_S = 2;
 
 export type Guard = components['schemas']['Guard'];
 export type Program = components['schemas']['Program'];
+export type Refused = components['schemas']['ProgramRefusal'];
 
 export class Programs {
   list = $state.raw<readonly Guard[]>([]);
@@ -80,7 +81,7 @@ export function countsText({ setpoints_late, setpoints_refused }: Program): stri
 }
 
 /** When something was refused, and how often. */
-export function refusalText({ unix_s, repeated }: Program['refusals'][number], now_unix_s: number): string {
+export function refusalText({ unix_s, repeated }: Refused, now_unix_s: number): string {
   const ago = `${ageText(Math.max(0, now_unix_s - unix_s))} ago`;
   return repeated > 1 ? `${ago}, ${String(repeated)} times` : ago;
 }
