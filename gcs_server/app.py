@@ -6,7 +6,7 @@ import asyncio
 import logging
 import os
 import sys
-from collections.abc import AsyncGenerator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -481,6 +481,25 @@ class Page(StaticFiles):
         return response
 
 
+def _add_agents(
+    app: FastAPI, server: Server, settings: Settings, token: str | None, agent_tokens: Mapping[str, str]
+) -> None:
+    """Adds the agents to the station, and the route at which they call."""
+    station = server.station
+    station.agents = Agents(
+        station,
+        server.supervisor,
+        InProcessRequests(app, token),
+        settings.agent_scopes,
+        agent_tokens,
+        settings.agent_calls_per_min,
+        server.is_simulators,
+    )
+    station.warning_sources.append(station.agents.warnings)
+    endpoint = AgentsEndpoint(station.agents, server.supervisor)
+    app.router.routes.append(Route(AGENTS_PATH, endpoint, methods=["POST"]))
+
+
 def create_app(
     settings: Settings,
     clock: Clock | None = None,
@@ -538,18 +557,7 @@ def create_app(
     access = Access(loopback_only=settings.loopback_only, token=token, agent_tokens=agent_tokens.values())
     app.add_middleware(Guard, access=access, clock=clock)
     app.add_middleware(SecurityHeaders)  # outermost, so that refusals also have them
-    station.agents = Agents(
-        station,
-        server.supervisor,
-        InProcessRequests(app, token),
-        settings.agent_scopes,
-        agent_tokens,
-        settings.agent_calls_per_min,
-        server.is_simulators,
-    )
-    station.warning_sources.append(station.agents.warnings)
-    endpoint = AgentsEndpoint(station.agents, server.supervisor)
-    app.router.routes.append(Route(AGENTS_PATH, endpoint, methods=["POST"]))
+    _add_agents(app, server, settings, token, agent_tokens)
     if server.scene is not None:
         app.include_router(server.scene.router())
     if (static / "index.html").is_file():
