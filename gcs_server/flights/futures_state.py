@@ -23,6 +23,7 @@ from missions.dry_run.setup import AIRFRAME_SPECIFIC, release_name, simulated_re
 from missions.errors import PlanError
 from missions.fence import CircleFence, Fence
 from missions.formats.mavlink_items import fence_from_wire
+from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.values import FenceCircle, FencePolygon, FenceZone, Obstacle, Point
 from missions.what_if.futures.start import GRAVITY_M_S2, OtherVehicle, Start
@@ -85,6 +86,7 @@ def start_of(vehicle: Vehicle, models: VehicleModels, assumed: list[str]) -> Sta
         height_error_m=vertical_m,
         wind_ne_m_s=_wind(vehicle),
         in_hold=vehicle.status.mode == "hold",
+        hold_target_ned_m=_hold_target(vehicle, estimates),
         battery_share=_battery(vehicle),
         parameters=_parameters(vehicle, models, assumed),
         px4=release_name(release),
@@ -196,6 +198,11 @@ def _errors(vehicle: Vehicle, assumed: list[str]) -> tuple[float, float]:
         )
     horizontal_m, vertical_m = (UNKNOWN_ERROR_M if each is None else each for each in errors)
     return horizontal_m, vertical_m
+
+
+def _hold_target(vehicle: Vehicle, estimates: VehicleEstimates) -> Vector3 | None:
+    origin, target = estimates.origin(), vehicle.guided.hold_target()
+    return None if origin is None or target is None else origin.to_ned(*target)
 
 
 def _wind(vehicle: Vehicle) -> tuple[float, float] | None:

@@ -20,7 +20,7 @@ GOTO = {"lat_deg": 47.3982, "lon_deg": 8.5462, "alt_home_m": 15}
 HOLD = FuturesTask(
     vehicle="1",
     start=Start((0.0, 0.0, -9.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.3, 0.3, None,
-                True, None, {}, "1.17"),
+                True, None, None, {}, "1.17"),
     origin=None, mode=Hold(), stream=None, delay=Delay(0.1, 0.2),
     surroundings=Surroundings(LocalOrigin(47.0, 8.0, 0.0), (0.0, 0.0, 0.0), b"[]", 0.0, 0.0, b"[]", ()),
     state_unix_s=0.0, text="hold", battery_known=False, flights=20, horizon_s=2.0, seed=0, assumed=(),

@@ -183,6 +183,11 @@ class _Flights:
                 self._streamed[row] = command
 
     def _start(self, row: int) -> Start:
+        autopilot = self._vehicles[row].autopilot
+        in_hold, (north, east, down) = (
+            autopilot.commander.active is NavState.HOLD, autopilot.navigator.path.target_ned_m,
+        )  # fmt: skip
+        known = in_hold and north is not None and east is not None and down is not None
         simulation, view = self._sim.simulation, self._view(row)
         estimate, store = simulation.estimate, simulation.parameters[row]
         values = {name: float(value) for name, value in store.items()}
@@ -191,8 +196,8 @@ class _Flights:
             q_ned_frd=view.q_ned_frd, rates_frd_rad_s=view.rates_frd_rad_s, ground_down_m=0.0,
             position_error_m=float(estimate.horizontal_accuracy_m[row]),
             height_error_m=float(estimate.vertical_accuracy_m[row]), wind_ne_m_s=None,
-            in_hold=self._vehicles[row].autopilot.commander.active is NavState.HOLD, battery_share=0.9,
-            parameters=values, px4="1.17",
+            in_hold=in_hold, hold_target_ned_m=(north, east, down) if known else None,  # type: ignore[arg-type]
+            battery_share=0.9, parameters=values, px4="1.17",
         )  # fmt: skip
 
     def _true_positions(self) -> Values:

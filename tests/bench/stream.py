@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from playwright.sync_api import sync_playwright
 
-from gcs_server.client import ApiError, SyncGcs
+from gcs_server.client import ApiError, SyncGcs, SyncVehicle
 from tests.station import free_port, running_process, running_server, running_vehicles
 from tools.ensure_browser import installed_chromium
 
@@ -66,10 +66,13 @@ class Load:
     """Whether one Chromium shows the page's 3D view."""
     mavsdk: bool = False
     """Whether MAVSDK also streams, to another vehicle."""
+    futures: bool = False
+    """Whether a client asks for the futures of a setpoint, one after another."""
 
 
 LOADS = (
     Load("idle"),
+    Load("futures of a setpoint, one after another", futures=True),
     Load("5,000 msg/s from 50 other vehicles", other_vehicles=50),
     Load("ten streams, 5,000 msg/s from 50 others, ten WebSocket clients", 10, 50, 10),
     Load("the same and one Chromium with the 3D view", 10, 50, 10, page=True, mavsdk=True),
@@ -85,6 +88,8 @@ class Arrivals:
     """Arrivals of an offboard mission that another vehicle flies at the same time."""
     mavsdk: list[float]
     """Arrivals of MAVSDK's streamer; empty if it does not stream."""
+    futures_s: list[float]
+    """Time of each answer with futures [s]."""
 
 
 MISSION_VEHICLE = 101
@@ -133,6 +138,10 @@ def measure(load: Load) -> Arrivals:
         mission_vehicle.until(lambda v: v["status"]["mode"] == "offboard", what="the mission's path")
         for number in range(1, load.streams + 1):
             drone = gcs.wait_for_vehicle(str(MISSION_VEHICLE + number), ready=True)
+            if load.futures:
+                drone.arm()
+                drone.takeoff(5.0)
+                drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold")
             stack.enter_context(
                 drone.offboard(position_ned_m=(0.0, 0.0, -5.0), rate_hz=RATE_HZ, valid_for_s=300)
             )
@@ -142,12 +151,24 @@ def measure(load: Load) -> Arrivals:
         time.sleep(1)
         for each in filter(None, (relay, mavsdk_relay)):
             each.setpoints.clear()
-        time.sleep(WINDOW_S)
+        futures_s: list[float] = []
+        if load.futures:
+            futures_s = flying_futures_s(gcs.vehicle(str(MISSION_VEHICLE + 1)), WINDOW_S)
+        else:
+            time.sleep(WINDOW_S)
         arrivals = relay.arrivals_s()
         mission = arrivals.pop(MISSION_VEHICLE, [])
-        return Arrivals(
-            list(arrivals.values()), mission, [] if mavsdk_relay is None else _longest_stream_s(mavsdk_relay)
-        )
+        mavsdk = [] if mavsdk_relay is None else _longest_stream_s(mavsdk_relay)
+        return Arrivals(list(arrivals.values()), mission, mavsdk, futures_s)
+
+
+def flying_futures_s(drone: SyncVehicle, duration_s: float) -> list[float]:
+    """Asks for futures one after another; the time of each answer [s]."""
+    end_s, times_s = time.monotonic() + duration_s, list[float]()
+    while (begin_s := time.monotonic()) < end_s:
+        drone.futures(setpoint={"type": "position", "position_ned_m": [20, 0, -8]}, horizon_s=20)
+        times_s.append(time.monotonic() - begin_s)
+    return times_s
 
 
 @contextlib.contextmanager
@@ -215,6 +236,9 @@ def table() -> Iterator[str]:
             continue
         yield row(load.title, arrivals.streams, RATE_HZ)
         yield row("an offboard mission in flight at the same time", [arrivals.mission], RATE_HZ)
+        if arrivals.futures_s:
+            count, times_ms = len(arrivals.futures_s), quantiles_ms(arrivals.futures_s)
+            yield f"| … each answer with futures | – | {count} | – | {times_ms} |"
         if load.mavsdk:
             yield row("MAVSDK's streamer at its 20 Hz, at the same time", [arrivals.mavsdk], MAVSDK_RATE_HZ)
     yield row("MAVSDK's streamer, idle", [mavsdk_idle_s()], MAVSDK_RATE_HZ)

@@ -72,11 +72,14 @@ def test_a_go_to_flies_inside_the_corridor_of_its_futures(run_simulated):
         await vehicle.guided.goto(**GOTO)
         corridor = answer["corridor"]
         mean, radius = np.array(corridor["position_ned_m"]), np.array(corridor["horizontal_m"])
-        for step in range(1, 20):
-            await sleep(1.0)
-            at = 5 * step
+        arrived_s = None
+        for at in range(1, len(mean)):
+            await sleep(0.2)
             position = np.array(vehicle.topic("local_position").value.position_ned_m)
-            assert math.hypot(*(position - mean[at])[:2]) < radius[at] + 1.0, step
+            assert math.hypot(*(position - mean[at])[:2]) < radius[at] + 1.0, at
+            if arrived_s is None and math.dist(position, answer["target_ned_m"]) < 1.0:
+                arrived_s = 0.2 * at
+        assert answer["arrival_s"]["p5"] - 0.5 < arrived_s < answer["arrival_s"]["p95"] + 1.0
 
     run_flying(run_simulated, scenario)
 

@@ -13,14 +13,17 @@ from vehicle_sim.autopilot.navigator import STOP_REACTION_S
 from vehicle_sim.autopilot.path import FACING_YAW_MODES
 from vehicle_sim.autopilot.smoothing import SETTINGS, YAW_ACCELERATION_DEG_S2
 from vehicle_sim.autopilot.steady import fly_tasks, task_row
-from vehicle_sim.autopilot.tick_arrays import Motion, SteadyTask, TickArrays
-from vehicle_sim.autopilot.trajectory import POSITION, VELOCITY, YAW, YAW_TARGET
+from vehicle_sim.autopilot.tick_arrays import TILT, Motion, SteadyTask, TickArrays
+from vehicle_sim.autopilot.trajectory import POSITION, VELOCITY, YAW, YAW_TARGET, max_speed_for_distance
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.state import EstimateState
 
 SLOW_M_S = 1.0
 """A vehicle in Hold that moves slower may keep its position."""
+STAYS_M = 1.5
+"""A vehicle in Hold this near to its target stays there."""
+Values = NDArray[np.float64]
 FACED_M = 1.0
 """The nose does not turn to a nearer target, as in `Path.face`."""
 
@@ -50,19 +53,38 @@ class ModeFlights:
         self._estimate, self._setpoints = estimate, setpoints
         count = len(setpoints.level)
         continues = start.in_hold and isinstance(command, GoTo)
-        self._turns_with_m_s = self._value("MPC_XY_CRUISE") * keeps_speed if continues else np.zeros(count)
-        slow = continues and math.hypot(*start.velocity_ned_m_s) < SLOW_M_S
-        self._moves = keeps_speed if slow else np.ones(count)
-        """Part of the estimated velocity with which a trajectory begins: that of a vehicle that keeps its
-        position may be at rest, whatever the wind does with the vehicle."""
+        self._turns_with_m_s, self._moves = (
+            self._continued(keeps_speed) if continues else (np.zeros(count), np.ones(count))
+        )
+        """Speeds with which the trajectories may turn at first, and the part of the estimated velocity with
+        which they begin."""
         self._arrays = TickArrays.for_count(count)
         settings = np.array([store.finite_value(name) for name in SETTINGS])
         if not store.px4.smooths_heading:
             settings[YAW_ACCELERATION_DEG_S2] = 0.0
         self._arrays.settings[:] = settings
-        self._arrays.motion[:] = 0.0
+        self._arrays.motion[:, TILT] = math.pi  # the limit that rises after a take-off has risen
         self._tasks = np.zeros((count, len(task_row(_LEG, 0.0, 0.0))))
         self._heading_good = np.ones(count, dtype=np.bool_)
+
+    def _continued(self, keeps_speed: Values) -> tuple[Values, Values]:
+        """The same of trajectories that continue in Hold.
+
+        A trajectory turns with the speed that it had as its limit before: PX4 slows down before its target.
+        That of a vehicle that stays at its target is at rest, whatever the wind does with the vehicle.
+        """
+        start, cruise_m_s = self._start, self._value("MPC_XY_CRUISE")
+        if start.hold_target_ned_m is None:
+            slow = math.hypot(*start.velocity_ned_m_s) < SLOW_M_S
+            return cruise_m_s * keeps_speed, keeps_speed if slow else np.ones_like(keeps_speed)
+        north_m, east_m, _ = np.array(start.hold_target_ned_m) - start.position_ned_m
+        away_m = math.hypot(north_m, east_m)
+        limit_m_s = max_speed_for_distance(
+            self._value("MPC_JERK_AUTO"), self._value("MPC_ACC_HOR"), away_m, 0.0
+        )
+        stays = math.dist(start.hold_target_ned_m, start.position_ned_m) < STAYS_M
+        ones = np.ones_like(keeps_speed)
+        return min(cruise_m_s, limit_m_s) * ones, 0.0 * ones if stays else ones
 
     def begin(self, rows: NDArray[np.bool_]) -> None:
         """The command arrives in these flights: the trajectory starts at the estimated motion."""

@@ -37,6 +37,8 @@ class Start:
     """Estimated wind; None: it is taken from the tilt of a slow vehicle."""
     in_hold: bool
     """Whether Hold is active: a go-to then continues its trajectory."""
+    hold_target_ned_m: Vector3 | None
+    """Where Hold flies to or stays; None: another mode, or not known."""
     battery_share: float | None
     """Charge, 0 to 1; None: not known."""
     parameters: dict[str, float]
