@@ -90,9 +90,17 @@ def _filled(argument: str, values: Mapping[str, object]) -> str:
 
 
 def _environment(values: Mapping[str, object]) -> dict[str, str]:
-    """Values for programs without arguments."""
-    domain = {"ROS_DOMAIN_ID": str(values["ros2_domain"])} if "ros2_domain" in values else {}
-    return {"GCS_URL": str(values["url"]), "PYTHONUNBUFFERED": "1", **domain}
+    """Values for programs without arguments, and what makes their ROS 2 stay on loopback."""
+    environment = {"GCS_URL": str(values["url"]), "PYTHONUNBUFFERED": "1"}
+    if "ros2_domain" in values:
+        from vehicle_sim.dds.participant import configuration
+
+        environment |= {
+            "ROS_DOMAIN_ID": str(values["ros2_domain"]),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "CYCLONEDDS_URI": configuration(None),
+        }
+    return environment
 
 
 async def _wait(process: asyncio.subprocess.Process) -> None:
