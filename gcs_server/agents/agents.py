@@ -133,8 +133,7 @@ class Agents:
         """Executes a call of a tool. Returns the answer, and whether it was refused or has failed. Each call
         has a line in the journal: that of its command, or else its own."""
         began_s = self._station.clock.monotonic_s()
-        agent.calls += 1
-        agent.last_call_unix_s, agent.last_tool = self._station.clock.unix_s(), visible(name, 60)
+        self._begin(agent, name)
         vehicle_id = arguments.get("vehicle")
         vehicle_id = vehicle_id if isinstance(vehicle_id, str) else None
         try:
@@ -170,6 +169,17 @@ class Agents:
         if not isinstance(dry_run_id, str) or len(arguments) > 1:
             raise InvalidRequest("dry_run_id", "The id of the dry run is needed, and nothing else.")
         return asdict(await self.requests.ask(agent, dry_run_id))
+
+    def note_reading(self, agent: Agent, uri: str) -> None:
+        """Counts the reading of a document as a call. Raises Refused: it is over the limit."""
+        self._begin(agent, uri)
+        self._require_within_limit(agent)
+        arguments = {"uri": visible(uri)}
+        self._note(agent, "read_document", None, arguments, READ, None, self._station.clock.monotonic_s())
+
+    def _begin(self, agent: Agent, name: str) -> None:
+        agent.calls += 1
+        agent.last_call_unix_s, agent.last_tool = self._station.clock.unix_s(), visible(name, 60)
 
     def _take_problem(
         self,
@@ -217,9 +227,9 @@ class Agents:
 
     def _require_vehicle(self, agent: Agent, tool: Tool, vehicle_id: str | None) -> None:
         """Refuses a command to a vehicle that the scope does not include, or that a person has taken over."""
-        if vehicle_id is None or not includes(tool.scope, "simulated"):
+        if not includes(tool.scope, "simulated"):
             return
-        vehicle = self._station.fleet.get(vehicle_id)
+        vehicle = self._station.fleet.get(vehicle_id or "")
         why = why_not_simulated(vehicle, self._sends_from)
         ends = tool.command.acts == "stops" or tool.name == "control_release"
         holder = None if vehicle.control is None else vehicle.control.status().holder_key
@@ -232,11 +242,12 @@ class Agents:
                 + (" Ask for the flight of a dry run: request_flight." if agent.scope == "fly" else ""),
             )
         self._look_for_pilot(agent, vehicle)
-        if (paused := agent.paused.get(vehicle_id)) is not None and not ends:
+        paused = agent.paused.get(vehicle.id)
+        if paused is not None and tool.name not in ("hold", "control_release"):  # Return would undo a Hold
             raise Refused(
                 f"{paused} Nothing was sent.",
-                remedy="Wait until a person lets this agent continue on the page. Hold, Land now and reading "
-                "are accepted.",
+                remedy="Wait until a person lets this agent continue on the page. Hold and reading are "
+                "accepted.",
             )
 
     def _take_control(self, agent: Agent, vehicle_id: str) -> None:

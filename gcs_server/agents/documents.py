@@ -57,9 +57,9 @@ def _about(tools: Mapping[str, Tool]) -> str:
     lines += [
         "",
         "One client at a time controls a vehicle; a command takes control if nobody has it. A person's Hold, "
-        "Land now or Stop motors overrules an agent, whose commands are then refused until a person lets it "
-        "continue. Arguments with which a person accepts findings (`despite`) do not exist for agents: "
-        "change the plan instead.",
+        "Land now or Stop motors overrules an agent, whose commands but Hold are then refused until a person "
+        "lets it continue. Arguments with which a person accepts findings (`despite`) do not exist for "
+        "agents: change the plan instead.",
     ]
     return "\n".join(lines)
 

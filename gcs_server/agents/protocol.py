@@ -21,6 +21,7 @@ from gcs_server.agents.answers import UNTRUSTED
 from gcs_server.agents.documents import Documents
 from gcs_server.agents.own_tools import OWN_TOOLS, OwnTool
 from gcs_server.agents.tools import Tool, all_tools, includes
+from gcs_server.errors import GcsError
 from gcs_server.origin import bearer_token
 from gcs_server.version import __version__
 
@@ -39,6 +40,8 @@ RESOURCES: Final = {
 }
 """Resources that are answers of tools."""
 NOT_FOUND: Final = -32602
+REFUSED: Final = -32000
+"""Codes of JSON-RPC."""
 
 
 class Protocol:
@@ -62,7 +65,8 @@ class Protocol:
             on_list_resources=self._list_resources,
             on_read_resource=self._read_resource,
         )
-        self._manager = StreamableHTTPSessionManager(server, json_response=True, stateless=True)
+        # Not `json_response`: only a stream notices that a client has gone, whose call is then cancelled.
+        self._manager = StreamableHTTPSessionManager(server, stateless=True)
 
     def running(self) -> AbstractAsyncContextManager[None]:
         """Serves while the block runs."""
@@ -101,10 +105,14 @@ class Protocol:
     async def _read_resource(
         self, context: ServerRequestContext[Any], params: types.ReadResourceRequestParams
     ) -> types.ReadResourceResult:
-        uri = str(params.uri)
+        uri, agent = str(params.uri), self._agent(context)
         if uri in RESOURCES:
-            text, _ = await self._call(self._agent(context), RESOURCES[uri][0], {})
+            text, _ = await self._call(agent, RESOURCES[uri][0], {})
         else:
+            try:
+                self._agents.note_reading(agent, uri)
+            except GcsError as error:
+                raise MCPError(REFUSED, f"{error.message} {error.remedy}") from error
             text = self._documents.read(uri)
         if text is None:
             known = ", ".join((*RESOURCES, *self._documents.descriptions()))

@@ -89,8 +89,9 @@ def test_resources_are_vehicles_plans_journal_and_documents(tmp_path):
             assert "gcs://docs/agents" in uris
             assert "simulated" in texts["gcs://docs/agents"]
             assert json.loads(texts["gcs://docs/plans"])["$defs"]["Takeoff"]
-            journal = json.loads(texts["gcs://journal"])[UNTRUSTED]["entries"]
-            assert {"agents/read_vehicles", "agents/read_plans"} <= {each["command"] for each in journal}
+            journal = (await client.read_resource("gcs://journal")).contents[0].text
+            commands = {each["command"] for each in json.loads(journal)[UNTRUSTED]["entries"]}
+            assert {"agents/read_vehicles", "agents/read_plans", "agents/read_document"} <= commands
             with pytest.raises(MCPError, match=r"no such resource\. Accepted: gcs://vehicles"):
                 await client.read_resource("gcs://docs/../journal.jsonl")
 

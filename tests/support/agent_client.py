@@ -52,6 +52,8 @@ class OutsideAgent:
     url: str
     folder: Path
     name: str
+    timeout_s: float = 90
+    """After this time the agent closes its connection."""
 
     def call(self, tool: str, /, **arguments: Any) -> Any:
         """The answer of a tool; a refusal has `refused`."""
@@ -67,7 +69,7 @@ class OutsideAgent:
     async def _call(self, tool: str, arguments: dict[str, Any]) -> Any:
         token = DataFolder(self.folder).agent_token(self.name).read_text().strip()
         async with (
-            httpx2.AsyncClient(headers={"Authorization": f"Bearer {token}"}, timeout=90) as http,
+            httpx2.AsyncClient(headers={"Authorization": f"Bearer {token}"}, timeout=self.timeout_s) as http,
             Client(streamable_http_client(f"{self.url}/mcp", http_client=http)) as client,
         ):
             result = await client.call_tool(tool, arguments)

@@ -39,6 +39,13 @@ def test_a_command_that_acts_on_a_vehicle_needs_the_scope_of_simulated_vehicles(
             assert includes(command.agent, "plan"), command.name
 
 
+def test_a_tool_that_commands_names_its_vehicle_in_the_path(tools):
+    """The proof that it is simulated is asked of this vehicle."""
+    for tool in tools.values():
+        if includes(tool.scope, "simulated"):
+            assert tool.in_path == {"v": "vehicle"}, tool.name
+
+
 def test_the_tools_are_those_of_the_table(tools):
     assert len(tools) == sum(len(command.full_agent_calls()) for command in ALL)
     assert tools.keys() >= {
