@@ -30,6 +30,8 @@ SETPOINT_DELAY = Delay(0.02, 0.15)
 START_DELAY = Delay(1.0, 2.0)
 """The start of a stream: PX4 wants setpoints for a second before it switches to Offboard."""
 RENEWED = "The setpoint is renewed for the whole time."
+SLOW_M_S = 1.0
+LATE_DESCENT = "The vehicle still moves: its descent may begin some seconds later than in these flights."
 NOT_BRAKED = "Obstacle brake and avoidance, which need the sensors, are not flown."
 
 
@@ -100,6 +102,8 @@ async def futures_task(
         text = f"setpoint {asked.setpoint.type}"
     else:
         mode, text = _mode(vehicle, asked, start, origin)
+        if isinstance(asked, Land) and math.hypot(*start.velocity_ned_m_s) > SLOW_M_S:
+            assumed.append(LATE_DESCENT)
     surroundings = surroundings_of(flights, vehicle, obstacles, horizon_s, assumed)
     around = await asyncio.to_thread(surroundings)
     return FuturesTask(

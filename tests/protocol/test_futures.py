@@ -77,6 +77,9 @@ def test_a_go_to_flies_inside_the_corridor_of_its_futures(run_simulated):
             await sleep(0.2)
             position = np.array(vehicle.topic("local_position").value.position_ned_m)
             assert math.hypot(*(position - mean[at])[:2]) < radius[at] + 1.0, at
+            if at == 20:
+                land = await routes.futures(mode="land")
+                assert "descent may begin some seconds later" in land["assumed"][-1]
             if arrived_s is None and math.dist(position, answer["target_ned_m"]) < 1.0:
                 arrived_s = 0.2 * at
         assert answer["arrival_s"]["p5"] - 0.5 < arrived_s < answer["arrival_s"]["p95"] + 1.0
@@ -95,7 +98,7 @@ def test_known_parameters_and_battery_are_the_begin_and_nothing_reaches_the_vehi
         climb = await routes.futures(altitude=models.AltitudeRequest(alt_home_m=20), horizon_s=15)
         assert climb["corridor"]["position_ned_m"][-1][2] < -18.0
         land = await routes.futures(mode="land", horizon_s=30)
-        assert (land["landed"], land["touched_ground"]) == (40, 0)
+        assert (land["landed"], land["touched_ground"], land["assumed"]) == (40, 0, [])
         await sleep(1.0)
         assert vehicle.status.mode == before
         assert abs(vehicle.topic("local_position").value.position_ned_m[2] + 10.0) < 2.0
