@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -371,6 +372,8 @@ def function_of(file: Path, name: str) -> Callable[..., Any]:
     if not file.is_file() or spec is None or spec.loader is None:
         raise ValueError(f"there is no file {file}")
     module = importlib.util.module_from_spec(spec)
+    if str(file.parent) not in sys.path:
+        sys.path.append(str(file.parent))  # for what it imports from beside it
     try:
         spec.loader.exec_module(module)
     except Exception as error:

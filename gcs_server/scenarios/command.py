@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from gcs_server.scenarios.results import FlightResult
 
 EXIT_FAILED = 1
+EXIT_INTERRUPTED = 130
 
 
 class ScenarioError(GcsError):
@@ -60,7 +61,6 @@ def run(options: argparse.Namespace) -> int:
     # Imported here, because the simulator takes a second, and the other commands do not need it.
     from gcs_server.scenarios.run import fly_all, select
     from gcs_server.scenarios.scenario import find, load, schema
-    from missions.errors import PlanError
     from vehicle_sim.yaml_fields import FileProblem
 
     if options.schema:
@@ -79,8 +79,9 @@ def run(options: argparse.Namespace) -> int:
     jobs = options.jobs or len(os.sched_getaffinity(0))
     try:
         results = fly_all(selected, jobs, _print)
-    except PlanError as error:
-        raise ScenarioError(f"A plan or mission cannot be flown: {error}") from None
+    except KeyboardInterrupt:
+        print("Interrupted.", file=sys.stderr)
+        return EXIT_INTERRUPTED
     return _report(results, options.out)
 
 

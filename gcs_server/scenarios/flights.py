@@ -6,8 +6,9 @@ import asyncio
 import inspect
 import signal
 from collections.abc import Awaitable, Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from functools import partial
+from io import StringIO
 
 from gcs_server.scenarios.checks import function_of
 from gcs_server.scenarios.flown import FlightRecorder, Flown
@@ -98,6 +99,8 @@ class ProgramFlight:
             self._problem = f"The program did not end within {limit_s:g} s."
         except ProgramEnded as error:
             self._problem = str(error)
+        except Stuck:
+            self._problem = "The program did not let the time go on: it waits without `await`."
         except Exception as error:
             self._problem = f"The program failed: {type(error).__name__}: {error}"
         end_s = station.clock.monotonic_s() + AFTER_END_S
@@ -113,7 +116,9 @@ class ProgramFlight:
             return
         assert isinstance(program, PythonProgram)
         function = function_of(program.file, program.function)
-        await function(**await fixtures(function, station))
+        values = await fixtures(function, station)
+        with redirect_stdout(StringIO()):  # what many flights print at once helps nobody
+            await function(**values)
 
     def _is_flying(self) -> bool:
         return any(vehicle.armed for vehicle in self.fleet.vehicles)

@@ -19,6 +19,7 @@ from gcs_server.scenarios import batch, flights
 from gcs_server.scenarios.results import FlightResult, judge
 from gcs_server.scenarios.scenario import Cell, Scenario, load
 from gcs_server.scenarios.subprograms import kill_all
+from missions.errors import PlanError
 from missions.offboard.document import OffboardMission
 from missions.plan import Plan
 
@@ -75,18 +76,20 @@ def fly_all(
         report: called with the flights of each scenario as it ends.
 
     Raises:
-        GcsError: a process ended without a result.
+        GcsError: a scenario cannot be flown, or a process ended without a result.
     """
     count = sum(len(_portions(each)) for each in selected)
     results: list[FlightResult] = []
     with _processes(min(jobs, count)) as pool:
-        futures: list[list[Future[list[FlightResult]]]] = [
+        futures: list[list[Future[list[FlightResult] | str]]] = [
             [pool.submit(_fly_task, each.scenario.path, cells) for cells in _portions(each)]
             for each in selected
         ]
         try:
             for of_scenario in futures:
-                flown = [result for future in of_scenario for result in future.result()]
+                flown: list[FlightResult] = []
+                for future in of_scenario:
+                    flown += _results_of(future.result())
                 report(flown)
                 results += flown
         except BrokenProcessPool:
@@ -103,9 +106,20 @@ def _portions(selected: Selected) -> list[tuple[Cell, ...]]:
     return [selected.cells[first : first + count] for first in range(0, len(selected.cells), count)]
 
 
-def _fly_task(path: Path, cells: tuple[Cell, ...]) -> list[FlightResult]:
-    # Read again here, because a scenario has functions, which do not pass between processes.
-    return fly(Selected(load(path), cells))
+def _fly_task(path: Path, cells: tuple[Cell, ...]) -> list[FlightResult] | str:
+    """The results, or why there are none: not all errors pass between processes."""
+    try:
+        # Read again here, because a scenario has functions, which do not pass either.
+        return fly(Selected(load(path), cells))
+    except Exception as error:
+        text = str(error) if isinstance(error, PlanError) else f"{type(error).__name__}: {error}"
+        return f"{path} cannot be flown. {text}"
+
+
+def _results_of(answer: list[FlightResult] | str) -> list[FlightResult]:
+    if isinstance(answer, str):
+        raise GcsError(answer)
+    return answer
 
 
 @contextlib.contextmanager

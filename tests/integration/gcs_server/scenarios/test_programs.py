@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from gcs_server.scenarios import flights
 from gcs_server.scenarios.report import failures
 from gcs_server.scenarios.results import FlightResult
 from gcs_server.scenarios.run import Selected, fly
@@ -42,6 +43,10 @@ async def lands_where_gps_is_lost(vehicle, clock):
             await asyncio.sleep(0.1)
         await vehicle.land_now()
         await vehicle.until_disarmed()
+
+async def never_waits(vehicle):
+    while True:
+        pass
 
 async def fails(vehicle):
     raise ValueError("no such survey")
@@ -87,6 +92,13 @@ def test_a_wrong_python_program_fails_with_the_reason(function: str, reason: str
     result = flown(tmp_path, f"python: program.py:{function}\ntime_limit_s: 60\n{CHECKS}")
     assert any(line.startswith(reason) for line in failures(result)), failures(result)
     assert result.recording
+
+
+@pytest.mark.story
+def test_a_program_that_stops_the_time_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flights, "REAL_MARGIN_S", -25.0)
+    result = flown(tmp_path, f"python: program.py:never_waits\ntime_limit_s: 40\n{CHECKS}")
+    assert "did not let the time go on" in failures(result)[0]
 
 
 @pytest.mark.story

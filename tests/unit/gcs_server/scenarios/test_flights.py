@@ -9,10 +9,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from gcs_server.scenarios import batch, report
+from gcs_server.scenarios import batch, report, run
 from gcs_server.scenarios.results import FlightResult
 from gcs_server.scenarios.run import Selected, fly, select
 from gcs_server.scenarios.scenario import Scenario, load
+from missions.errors import PlanError
 from tests.support.scenario_files import scenario_file
 
 SCENARIO = """
@@ -118,3 +119,14 @@ def test_a_vehicle_that_cannot_arm_fails_every_scenario(tmp_path: Path) -> None:
     scenario = load(scenario_file(tmp_path, text))
     (result,) = fly(Selected(scenario, tuple(scenario.cells)))
     assert report.failures(result)[0].startswith("the vehicle flies to an end: ")
+
+
+def test_a_plan_that_cannot_be_flown_is_an_answer_in_words(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: Selected) -> list[FlightResult]:
+        raise PlanError("item 2", "PX4 refuses it", "Remove it.")
+
+    monkeypatch.setattr(run, "fly", refuse)
+    answer = run._fly_task(scenario.path, tuple(scenario.cells))
+    assert answer == f"{scenario.path} cannot be flown. item 2: PX4 refuses it. Remove it."
