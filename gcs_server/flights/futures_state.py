@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import fnmatch
+import functools
 import math
+import re
 from collections.abc import Callable, Sequence
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -265,9 +267,12 @@ def _turning(stronger: float) -> dict[str, float]:
     return {"SIH_Q_MAX": 0.1 * stronger} | {name: value * stronger for name, value in inertia.items()}
 
 
-def _chosen(known: dict[str, float], patterns: Sequence[str]) -> dict[str, float]:
-    return {
-        name: value
-        for name, value in known.items()
-        if math.isfinite(value) and any(fnmatchcase(name, each) for each in patterns)
-    }
+def _chosen(known: dict[str, float], patterns: tuple[str, ...]) -> dict[str, float]:
+    matches = _pattern(patterns).match
+    return {name: value for name, value in known.items() if math.isfinite(value) and matches(name)}
+
+
+@functools.cache
+def _pattern(patterns: tuple[str, ...]) -> re.Pattern[str]:
+    """One pattern for all: there are a thousand parameters, and this runs in the event loop."""
+    return re.compile("|".join(map(fnmatch.translate, patterns)))
