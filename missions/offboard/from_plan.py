@@ -160,7 +160,8 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
         _add_return_home(builder, description)
     elif isinstance(item, TriggerDistance):
         builder.flush()
-        builder.photo_every_m = min(10_000.0, item.distance_m or 0.0) or None
+        # PX4 stops the trigger by any number that is not above 0.
+        builder.photo_every_m = min(10_000.0, max(0.0, item.distance_m or 0.0)) or None
     elif isinstance(item, PhotoStart):
         count = max(1, int(item.count or 0))
         if not item.count:

@@ -7,12 +7,14 @@ import contextlib
 import pytest
 from hypothesis import given, settings
 
+from missions.camera_items import TriggerDistance
 from missions.errors import PlanError
 from missions.items import Delay, Jump, Land, LoiterUnlimited, ReturnHome, Takeoff, Waypoint
 from missions.offboard.compiler import compile_mission
 from missions.offboard.from_plan import from_plan
 from missions.offboard.reader import read
 from missions.offboard.segments import WaitSegment
+from missions.offboard.steps import Fly
 from missions.plan import Plan
 from missions.values import Altitude
 from tests.support.offboard_missions import HOME, finding_codes, segment_titles
@@ -65,3 +67,17 @@ def test_any_plan_gives_a_mission_or_a_plan_error(plan: Plan) -> None:
     with contextlib.suppress(PlanError):
         mission = from_plan(plan, "Any plan").mission
         assert read(mission.model_dump_json(exclude_none=True)) == mission
+
+
+@pytest.mark.parametrize("distance_m", [-1.0, 0.0, None])
+def test_a_trigger_distance_that_is_not_above_zero_ends_the_photos(distance_m: float | None) -> None:
+    def waypoint(number: int) -> Waypoint:
+        return Waypoint(lat_deg=47.0 + number * 10 * DEG_PER_M, lon_deg=8.0, altitude=alt(20.0))
+
+    items = (
+        Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=alt(20.0)),
+        TriggerDistance(distance_m=5.0), waypoint(1), waypoint(2),
+        TriggerDistance(distance_m=distance_m), waypoint(3), waypoint(4),
+    )  # fmt: skip
+    mission = from_plan(Plan(planned_home=HOME, items=items), "x").mission
+    assert [step.photo_every_m for step in mission.steps if isinstance(step, Fly)] == [5.0, None]
