@@ -9,7 +9,7 @@ from typing import Final
 
 from gcs_server.agents.limits import CallLimit
 from gcs_server.control.principal import Principal
-from gcs_server.guard.program import Refusal
+from gcs_server.guard.program import Refusal, note_refusal
 from gcs_server.settings import AgentScope
 
 MAX_REFUSALS: Final = 20
@@ -71,13 +71,9 @@ class Agent:
         return Principal.from_identity(f"agent {self.name}", self.client_id, f"agent {self.name}")
 
     def refuse(self, unix_s: float, what: str, text: str) -> None:
-        """Notes a refusal; an equal one only counts."""
+        """Notes a refusal."""
         self.refused += 1
-        newest = self.refusals[0] if self.refusals else None
-        if newest is not None and (newest.what, newest.text) == (what, text):
-            self.refusals[0] = Refusal(unix_s, what, text, newest.repeated + 1)
-        else:
-            self.refusals.appendleft(Refusal(unix_s, what, text))
+        note_refusal(self.refusals, unix_s, what, text)
 
     def view(self, controls: list[str]) -> AgentView:
         """The agent as the API shows it."""

@@ -36,6 +36,15 @@ class Refusal:
     """How often in a row."""
 
 
+def note_refusal(refusals: deque[Refusal], unix_s: float, what: str, text: str) -> None:
+    """Adds a refusal to those that are known, newest first; an equal one only counts."""
+    newest = refusals[0] if refusals else None
+    if newest is not None and (newest.what, newest.text) == (what, text):
+        refusals[0] = Refusal(unix_s, what, text, newest.repeated + 1)
+    else:
+        refusals.appendleft(Refusal(unix_s, what, text))
+
+
 @dataclass(frozen=True, slots=True)
 class ProgramView:
     """A program on a guarded link."""
@@ -141,12 +150,8 @@ class Program:
         self.setpoints += 1
 
     def refuse(self, unix_s: float, what: str, text: str) -> None:
-        """Notes a refusal; an equal one only counts."""
-        newest = self.refusals[0] if self.refusals else None
-        if newest is not None and (newest.what, newest.text) == (what, text):
-            self.refusals[0] = Refusal(unix_s, what, text, newest.repeated + 1)
-        else:
-            self.refusals.appendleft(Refusal(unix_s, what, text))
+        """Notes a refusal."""
+        note_refusal(self.refusals, unix_s, what, text)
 
     def may_tell(self, text: str, now_s: float) -> bool:
         """Whether a text is sent to the program now: not again within `TELL_AGAIN_S`."""
