@@ -27,6 +27,10 @@ CELLS_PER_TASK = 12
 """Flights in one simulation: their common steps then cost little for each, and a core gets work often."""
 
 
+END_S = 2.0
+"""Time for a process to kill its programs [s]."""
+
+
 @dataclass(frozen=True, slots=True)
 class Selected:
     """A scenario, and the conditions in which it is flown."""
@@ -131,7 +135,11 @@ def _processes(count: int) -> Generator[ProcessPoolExecutor]:
         yield pool
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
-        for process in multiprocessing.active_children():
+        processes = multiprocessing.active_children()
+        for process in processes:
+            process.terminate()  # it then kills its programs
+        for process in processes:
+            process.join(END_S)
             process.kill()
         raise
     pool.shutdown()
@@ -140,6 +148,7 @@ def _processes(count: int) -> Generator[ProcessPoolExecutor]:
 def _end_with_parent() -> None:
     """Ends this process when its parent dies, also if that is killed; Ctrl+C is the parent's to handle."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda _number, _frame: _end())
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
@@ -147,5 +156,10 @@ def _end_with_parent() -> None:
 
 def _exit_after(sentinel: int) -> None:
     wait([sentinel])
+    _end()
+
+
+def _end() -> None:
+    """Ends this process at once, and its programs with all that they have started."""
     kill_all()
     os._exit(1)

@@ -17,7 +17,7 @@ from tests.support.scenario_files import program_scenario, scenario_file
 COMMAND = [sys.executable, "-m", "gcs_server", "test"]
 MARK = "endless program of a scenario"
 ENDLESS = f"""
-run: [{sys.executable}, -c, "import time; time.sleep(600)", {MARK}, "{{port}}"]
+run: [sh, -c, "{sys.executable} -c 'import time; time.sleep(600)' '{MARK}'; true", "{{port}}"]
 must_hold: [{{check: finishes}}]
 """
 
