@@ -6,6 +6,7 @@ same routes and rules as those of any other client.
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -150,8 +151,10 @@ class Agents:
             agent.refuse(self._station.clock.unix_s(), visible(name, 60), visible(str(error)))
             self._note(agent, name, vehicle_id, arguments, error.code, str(error), began_s)
             return _refusal_text(error.code, error.message, error.remedy, error.details()), True
-        if vehicle_id is not None and not tool.reads:
-            agent.commanded_unix_s[vehicle_id] = self._station.clock.unix_s()
+        except asyncio.CancelledError:
+            detail = "The agent has closed its connection."
+            self._note(agent, name, vehicle_id, arguments, "cancelled", detail, began_s)
+            raise
         if vehicle_id is not None and tool.command.control == "lease":
             self._take_control(agent, vehicle_id)
         status, answer = await self._request(agent, tool.method, path, query, body)
@@ -251,12 +254,14 @@ class Agents:
             )
 
     def _take_control(self, agent: Agent, vehicle_id: str) -> None:
-        """Takes control if the agent may, so that the vehicle holds when the agent is silent for too long."""
+        """Takes control for a command if the agent may; the vehicle holds if the agent is silent for too
+        long."""
         lease, client = self._station.authority.control(vehicle_id).lease, agent.principal
         if lease.refusal(client) is None:  # otherwise the route refuses the command
             is_own = lease.holder is not None and lease.holder.key == client.key
             kept = lease.on_expiry if is_own and lease.on_expiry != "nothing" else None
             lease.take(client, on_expiry=kept or "hold")
+            agent.commanded_unix_s[vehicle_id] = self._station.clock.unix_s()
 
     def _look_for_pilot(self, agent: Agent, vehicle: Vehicle) -> None:
         """Notes that a pilot or another station has taken the vehicle since the agent's newest command."""

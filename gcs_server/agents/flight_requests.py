@@ -257,7 +257,6 @@ class FlightRequests:
                 f"{by} has allowed the flight, but it did not start: {why}",
             )
             return
-        request.agent.commanded_unix_s[request.vehicle.id] = self._station.clock.unix_s()
         request.state, request.text = "started", f"{by} has allowed the flight. It has started."
 
     # --- what must be true ----------------------------------------------------------------------

@@ -110,6 +110,7 @@ def test_an_agent_flies_a_simulated_vehicle_as_a_client_with_control(run_simulat
         assert "agent pilot has control" in await other.refusal("land", vehicle="1")
         assert ("agent pilot", "goto", "1", "ok") in journal_entries(rig.station)
         assert ("agent other", "land", "1", "not_in_control") in journal_entries(rig.station)
+        assert other.agent.commanded_unix_s == {}
         await pilot.call("control_release", vehicle="1")
         assert rig.station.authority.control("1").status().holder is None
 
