@@ -57,12 +57,13 @@ def _interrupted_if_stuck(limit_s: float) -> Generator[None]:
         raise Stuck
 
     before = signal.signal(signal.SIGALRM, interrupt)
-    signal.setitimer(signal.ITIMER_REAL, limit_s + REAL_MARGIN_S)
+    timer = signal.setitimer(signal.ITIMER_REAL, limit_s + REAL_MARGIN_S)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_REAL, *timer)  # of a test that has a timeout of its own
 
 
 async def _fly(scenario: Scenario, cell: Cell) -> FlownCell:

@@ -42,7 +42,7 @@ def page(results: Sequence[FlightResult], files: Callable[[FlightResult], Sequen
         results: all flights.
         files: names of the files of a flight, which are beside the page.
     """
-    failed = [each for each in results if not each.passed]
+    failed = [(number, each) for number, each in enumerate(results) if not each.passed]
     outcome = (
         f'<span class="bad">{len(failed)} of {len(results)} flights failed</span>'
         if failed
@@ -53,7 +53,7 @@ def page(results: Sequence[FlightResult], files: Callable[[FlightResult], Sequen
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<style>{STYLE}</style></head><body><h1>Flights as tests: {outcome}</h1>",
         *_summary(results),
-        *(part for each in failed for part in _failed(each, files(each))),
+        *(part for number, each in failed for part in _failed(number, each, files(each))),
         "</body></html>\n",
     ]
     return "\n".join(parts)
@@ -67,7 +67,7 @@ def _summary(results: Sequence[FlightResult]) -> Iterator[str]:
         result = (
             '<span class="good">passed</span>'
             if each.passed
-            else f'<a class="bad" href="#{_id(each)}">failed</a>'
+            else f'<a class="bad" href="#flight-{number}">failed</a>'
         )
         is_new = number == 0 or results[number - 1].scenario != each.scenario
         name = escape(each.scenario) if is_new else ""
@@ -83,17 +83,15 @@ def _summary(results: Sequence[FlightResult]) -> Iterator[str]:
     yield "</table></div>"
 
 
-def _id(result: FlightResult) -> str:
-    return f"flight-{result.track_sha256[:12]}"
-
-
-def _failed(result: FlightResult, files: Sequence[str]) -> Iterator[str]:
-    yield f'<section id="{_id(result)}"><h2>{escape(result.scenario)}</h2>'
+def _failed(number: int, result: FlightResult, files: Sequence[str]) -> Iterator[str]:
+    yield f'<section id="flight-{number}"><h2>{escape(result.scenario)}</h2>'
     yield f'<div class="soft">{escape(result.cell.text)}</div><ul>'
     for check in result.checks:
         for broken in check.broken:
             when = "" if broken.t_s is None else f' <span class="soft">at {broken.t_s:.1f} s</span>'
-            yield f'<li><span class="bad">{escape(check.title)}</span>: {escape(broken.why)}{when}</li>'
+            name = f"{broken.vehicle}: " if len(result.vehicles) > 1 else ""
+            why = escape(f"{name}{broken.why}")
+            yield f'<li><span class="bad">{escape(check.title)}</span>: {why}{when}</li>'
         if not check.broken:
             yield f'<li class="soft">{escape(check.title)}: held</li>'
     yield '</ul><div class="drawings">'

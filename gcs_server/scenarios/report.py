@@ -153,7 +153,8 @@ def _files(result: FlightResult) -> list[tuple[str, bytes]]:
     """Names and contents of the files of a failed flight."""
     if result.passed:
         return []
-    stem = re.sub(r"[^A-Za-z0-9.=_-]+", "_", f"{Path(result.file).stem} {result.cell.text}")
+    path = Path(result.file)
+    stem = re.sub(r"[^A-Za-z0-9.=_-]+", "_", f"{path.parent.name} {path.stem} {result.cell.text}").strip("_")
     several = len(result.vehicles) > 1
     found = [(f"{stem}{f'_{each.name}' if several else ''}.csv", _csv(each)) for each in result.vehicles]
     if result.recording is not None:

@@ -84,6 +84,8 @@ def test_the_report_says_what_failed_where_and_why(results: list[FlightResult], 
     page = (tmp_path / "a" / "report.html").read_text()
     assert "2 of 4 flights failed" in page
     assert page.count("Flown path from above") == 2
+    for number in (1, 3):
+        assert page.count(f'href="#flight-{number}"') == page.count(f'id="flight-{number}"') == 1
 
 
 def test_hostile_names_stay_text_in_the_reports(results: list[FlightResult]) -> None:
