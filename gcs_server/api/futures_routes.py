@@ -8,7 +8,7 @@ from fastapi import Response
 from pydantic import Field, model_validator
 
 from gcs_server.api.authorized import while_connected
-from gcs_server.api.models import AltitudeRequest, GotoRequest
+from gcs_server.api.models import AltitudeRequest, GotoRequest, OrbitRequest
 from gcs_server.api.plan_models import OriginModel
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
@@ -18,7 +18,7 @@ from gcs_server.api.routes import Routes
 from gcs_server.api.setpoints import AnySetpoint
 from gcs_server.api.station import StationDep
 from gcs_server.api.strict_body import StrictBody, example
-from gcs_server.flights.futures_command import Altitude, CommandAsked, Going, StreamAsked
+from gcs_server.flights.futures_command import Altitude, Circling, CommandAsked, Going, StreamAsked
 from gcs_server.flights.futures_command import futures_task as task_of
 from missions.values import MAX_OBSTACLES, Obstacle
 from missions.what_if.futures import document as d
@@ -48,11 +48,12 @@ FuturesModel = model_of(
     limited=Annotated[list[str], Field(description="What the stream's limits reduce of the setpoint.")],
     stopped=Annotated[str | None, Field(description=STOPPED)],
 )
-COMMANDS = ("goto", "altitude", "mode", "setpoint")
+COMMANDS = ("goto", "altitude", "orbit", "mode", "setpoint")
 
 
 class FuturesRequest(StrictBody):
-    """A command as its own route takes it; exactly one of `goto`, `altitude`, `mode` and `setpoint`."""
+    """A command as its own route takes it; exactly one of `goto`, `altitude`, `orbit`, `mode` and
+    `setpoint`."""
 
     model_config = example(goto={"lat_deg": 47.3982, "lon_deg": 8.5462, "alt_home_m": 15})
 
@@ -60,6 +61,8 @@ class FuturesRequest(StrictBody):
     """A go-to (`POST /vehicles/{v}/goto`)."""
     altitude: AltitudeRequest | None = None
     """A change of the altitude (`POST /vehicles/{v}/altitude`)."""
+    orbit: OrbitRequest | None = None
+    """An orbit (`POST /vehicles/{v}/orbit`)."""
     mode: Literal["hold", "land"] | None = None
     """A change to this mode."""
     setpoint: AnySetpoint | None = None
@@ -88,6 +91,12 @@ class FuturesRequest(StrictBody):
             )
         if self.altitude is not None:
             return Altitude(self.altitude.alt_amsl_m, self.altitude.alt_home_m)
+        if self.orbit is not None:
+            orbit = self.orbit
+            return Circling(
+                orbit.lat_deg, orbit.lon_deg, orbit.alt_amsl_m, orbit.alt_home_m, orbit.radius_m,
+                orbit.speed_m_s, orbit.clockwise, orbit.yaw,
+            )  # fmt: skip
         if self.setpoint is not None:
             return StreamAsked(self.setpoint)
         return Land() if self.mode == "land" else Hold()

@@ -253,8 +253,8 @@ class Vehicle:
 
         Args:
             horizon_s: how far the flights reach [s].
-            command: one of `goto`, `altitude`, `mode` and `setpoint`, as their own calls take them; also
-                `flights`, `seed` and `obstacles`.
+            command: one of `goto`, `altitude`, `orbit`, `mode` and `setpoint`, as their own calls take them;
+                also `flights`, `seed` and `obstacles`.
 
         Raises:
             Refused: the vehicle is not flying, or has no position.

@@ -17,7 +17,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 from missions.geodesy import LocalOrigin
 from missions.setpoints import Setpoint
 from missions.values import Obstacle
-from missions.what_if.futures.commands import GoTo, Hold, Land, ModeCommand
+from missions.what_if.futures.commands import GoTo, Hold, Land, ModeCommand, Orbit, OrbitYaw
 from missions.what_if.futures.start import Delay, Start
 
 if TYPE_CHECKING:
@@ -56,13 +56,27 @@ class Altitude:
 
 
 @dataclass(frozen=True, slots=True)
+class Circling:
+    """An orbit, as its route takes it: exactly one of the two altitudes."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float | None
+    alt_home_m: float | None
+    radius_m: float
+    speed_m_s: float
+    clockwise: bool
+    yaw: OrbitYaw | None
+
+
+@dataclass(frozen=True, slots=True)
 class StreamAsked:
     """A setpoint of a stream."""
 
     setpoint: Setpoint
 
 
-CommandAsked = Going | Altitude | StreamAsked | Hold | Land
+CommandAsked = Going | Altitude | Circling | StreamAsked | Hold | Land
 
 
 async def futures_task(
@@ -141,7 +155,10 @@ def _stream(
 
 
 def _mode(
-    vehicle: Vehicle, asked: Going | Altitude | Hold | Land, start: Start, origin: LocalOrigin | None
+    vehicle: Vehicle,
+    asked: Going | Altitude | Circling | Hold | Land,
+    start: Start,
+    origin: LocalOrigin | None,
 ) -> tuple[ModeCommand, str]:
     if isinstance(asked, Hold):
         return asked, "hold"
@@ -159,6 +176,9 @@ def _mode(
         north, east = start.position_ned_m[:2] if place is None else origin.to_ned(*place)[:2]
         return GoTo((north, east, down), _yaw(start)), "altitude"
     target = origin.to_ned(asked.lat_deg, asked.lon_deg, alt_amsl_m)
+    if isinstance(asked, Circling):
+        speed_m_s = asked.speed_m_s if asked.clockwise else -asked.speed_m_s
+        return Orbit(target, asked.radius_m, speed_m_s, asked.yaw), "orbit"
     yaw = None if asked.yaw_ned_deg is None else math.radians(asked.yaw_ned_deg)
     return GoTo(target, yaw, asked.speed_m_s), "goto"
 
@@ -168,7 +188,7 @@ def _yaw(start: Start) -> float:
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-def _alt_amsl_m(vehicle: Vehicle, asked: Going | Altitude) -> float:
+def _alt_amsl_m(vehicle: Vehicle, asked: Going | Altitude | Circling) -> float:
     if asked.alt_amsl_m is not None:
         return asked.alt_amsl_m
     home = VehicleEstimates(vehicle).home()

@@ -87,6 +87,21 @@ def test_a_go_to_flies_inside_the_corridor_of_its_futures(run_simulated):
     run_flying(run_simulated, scenario)
 
 
+def test_an_orbit_flies_inside_the_corridor_of_its_futures(run_simulated):
+    async def scenario(testbed, vehicle, routes):
+        body = {**GOTO, "radius_m": 15.0, "speed_m_s": 3.0}
+        answer = await routes.futures(orbit=models.OrbitRequest(**body), horizon_s=25)
+        await vehicle.guided.orbit(**body)
+        mean, radius = (np.array(answer["corridor"][name]) for name in ("position_ned_m", "horizontal_m"))
+        for at in range(5, len(mean), 5):
+            await sleep(1.0)
+            position = np.array(vehicle.topic("local_position").value.position_ned_m)
+            assert math.hypot(*(position - mean[at])[:2]) < radius[at] + 1.5, at
+        assert radius.max() < 8.0
+
+    run_flying(run_simulated, scenario)
+
+
 def test_known_parameters_and_battery_are_the_begin_and_nothing_reaches_the_vehicle(run_simulated):
     async def scenario(testbed, vehicle, routes):
         await vehicle.params.refresh()

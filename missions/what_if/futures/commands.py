@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from missions.frames import Quaternion, Vector3
 from missions.setpoints import DirectSetpoint
@@ -33,7 +34,25 @@ class Land:
     """Land mode: brakes, and descends to the ground."""
 
 
-ModeCommand = GoTo | Hold | Land
+OrbitYaw = Literal["center", "initial", "uncontrolled", "tangent"]
+ORBIT_YAWS: tuple[OrbitYaw, ...] = ("center", "initial", "uncontrolled", "tangent")
+"""By the value of MC_ORBIT_YAW_MOD."""
+
+
+@dataclass(frozen=True, slots=True)
+class Orbit:
+    """Orbit mode (DO_ORBIT): to the nearest point of a circle, then around it."""
+
+    centre_ned_m: Vector3
+    """With the altitude of the circle."""
+    radius_m: float
+    speed_m_s: float
+    """Positive: clockwise, seen from above."""
+    yaw: OrbitYaw | None = None
+    """Where the nose points; None: as MC_ORBIT_YAW_MOD says."""
+
+
+ModeCommand = GoTo | Hold | Land | Orbit
 """Commands that PX4's own modes fly."""
 
 

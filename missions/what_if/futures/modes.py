@@ -1,4 +1,4 @@
-"""PX4's own modes in the flights of a future: the trajectories of Hold and Land, for all flights at once."""
+"""PX4's own modes in the flights of a future: trajectories of Hold, Land and Orbit, all at once."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.what_if.futures.commands import GoTo, Land, ModeCommand
+from missions.what_if.futures.circles import Circles
+from missions.what_if.futures.commands import GoTo, Land, ModeCommand, Orbit
 from missions.what_if.futures.start import Start
 from vehicle_sim.autopilot.navigator import STOP_REACTION_S
 from vehicle_sim.autopilot.path import FACING_YAW_MODES
-from vehicle_sim.autopilot.smoothing import SETTINGS, YAW_ACCELERATION_DEG_S2
+from vehicle_sim.autopilot.smoothing import PREVIOUS, SETTINGS, TARGET, YAW_ACCELERATION_DEG_S2
 from vehicle_sim.autopilot.steady import fly_tasks, task_row
 from vehicle_sim.autopilot.tick_arrays import TILT, Motion, SteadyTask, TickArrays
 from vehicle_sim.autopilot.trajectory import POSITION, VELOCITY, YAW, YAW_TARGET, max_speed_for_distance
@@ -64,6 +65,7 @@ class ModeFlights:
             settings[YAW_ACCELERATION_DEG_S2] = 0.0
         self._arrays.settings[:] = settings
         self._arrays.motion[:, TILT] = math.pi  # the limit that rises after a take-off has risen
+        self._circles = Circles(command, store, estimate, setpoints) if isinstance(command, Orbit) else None
         self._tasks = np.zeros((count, len(task_row(_LEG, 0.0, 0.0))))
         self._heading_good = np.ones(count, dtype=np.bool_)
 
@@ -89,6 +91,8 @@ class ModeFlights:
     def begin(self, rows: NDArray[np.bool_]) -> None:
         """The command arrives in these flights: the trajectory starts at the estimated motion."""
         arrays, estimate = self._arrays, self._estimate
+        if self._circles is not None:
+            self._circles.begin(rows)
         for row in np.flatnonzero(rows).tolist():
             position, velocity = estimate.position_ned_m[row], estimate.velocity_ned_m_s[row]
             arrays.axes[row] = 0.0
@@ -107,6 +111,14 @@ class ModeFlights:
     def fly(self, rows: NDArray[np.bool_]) -> None:
         """Advances the trajectories of these flights by one tick, and writes their setpoints."""
         arrays, estimate, setpoints = self._arrays, self._estimate, self._setpoints
+        circles = self._circles
+        if circles is not None:
+            circles.fly(rows)
+            rows = rows & ~circles.around
+            arrays.triplet[rows, PREVIOUS : PREVIOUS + 3] = estimate.position_ned_m[rows]
+            arrays.triplet[rows, TARGET : TARGET + 3] = circles.nearest_ned_m()[rows]
+            direction, _ = circles.outward()
+            arrays.yaw[rows, YAW_TARGET] = np.arctan2(-direction[rows, 1], -direction[rows, 0])
         # As the range finder measures it; far above the ground it measures nothing, nor is it used.
         height_m = self._start.ground_down_m - estimate.position_ned_m[:, 2]
         fly_tasks(

@@ -13,7 +13,7 @@ from missions.frames import q_from_euler
 from missions.geodesy import LocalOrigin
 from missions.setpoints import Actuators, Attitude, Position, Rates, ThrustTorque, Trajectory, Velocity
 from missions.values import FenceCircle, Point
-from missions.what_if.futures.commands import GoTo, Hold, Land
+from missions.what_if.futures.commands import GoTo, Hold, Land, Orbit
 from missions.what_if.futures.corridor import corridor
 from missions.what_if.futures.document import FuturesSpread
 from missions.what_if.futures.flight import Flight, Tracks, simulated_parameters
@@ -147,6 +147,19 @@ def test_a_landing_ends_on_the_ground_and_a_descent_by_setpoints_touches_it():
     assert (landing.landed, landing.touched_ground, landing.clear) == (FLIGHTS, 0, True)
     descent = futures(streamed(Velocity((0.0, 0.0, 1.0))), start=low)
     assert (descent.touched_ground, descent.clear) == (FLIGHTS, False)
+
+
+@pytest.mark.parametrize("speed_m_s", [3.0, -3.0])
+def test_an_orbit_goes_to_the_circle_and_around_it(speed_m_s):
+    result = futures(Orbit((30.0, 0.0, -20.0), 15.0, speed_m_s), horizon_s=25.0, spread=EXACT)
+    path = np.array(result.corridor.position_ned_m)
+    around = path[90:]
+    assert np.abs(np.hypot(around[:, 0] - 30.0, around[:, 1]) - 15.0).max() < 1.5
+    angle = np.unwrap(np.arctan2(around[:, 1], around[:, 0] - 30.0))
+    flown_s = 0.2 * (len(around) - 1)
+    part = (angle[-1] - angle[0]) / flown_s / (speed_m_s / 15.0)
+    assert 0.7 < part < 1.02, "as PX4's, its velocity lags behind a setpoint that turns"
+    assert np.abs(path[:, 2] + 20.0).max() < 1.0
 
 
 @pytest.mark.parametrize(

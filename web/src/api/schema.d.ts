@@ -8525,7 +8525,8 @@ export interface components {
         };
         /**
          * FuturesRequest
-         * @description A command as its own route takes it; exactly one of `goto`, `altitude`, `mode` and `setpoint`.
+         * @description A command as its own route takes it; exactly one of `goto`, `altitude`, `orbit`, `mode` and
+         *     `setpoint`.
          * @example {
          *       "goto": {
          *         "alt_home_m": 15,
@@ -8539,6 +8540,8 @@ export interface components {
             readonly goto?: components["schemas"]["GotoRequest"] | null;
             /** @description A change of the altitude (`POST /vehicles/{v}/altitude`). */
             readonly altitude?: components["schemas"]["AltitudeRequest"] | null;
+            /** @description An orbit (`POST /vehicles/{v}/orbit`). */
+            readonly orbit?: components["schemas"]["OrbitRequest"] | null;
             /**
              * Mode
              * @description A change to this mode.

@@ -9,6 +9,7 @@ import {
   fenceText,
   fieldProblem,
   flownCircle,
+  futuresOf,
   NO_LIMITS,
   orbitSpeedMax_m_s,
   previewContent,
@@ -60,6 +61,17 @@ describe('the values of a guided command', () => {
     expect(fieldProblem(draftOf('altitude', { alt_home_m: '12,5' }), 'alt_home_m', LIMITS)).toBeNull();
     const go = draftOf('go', { speed_m_s: '', yaw_ned_deg: '' }, { place: NORTH });
     expect(whyNot(go, factsOf(), LIMITS)).toBeNull();
+  });
+});
+
+describe('what is flown in simulation before a command', () => {
+  it('is the body of its own request', () => {
+    expect(futuresOf(draftOf('altitude'), HERE)).toEqual({ altitude: { alt_home_m: 20 } });
+    expect(futuresOf(draftOf('go', { yaw_ned_deg: '' }, { place: NORTH }), HERE)).toEqual({ goto: { ...HERE, alt_home_m: 20, speed_m_s: 3 } });
+    const circle = { ...HERE, alt_home_m: 20, radius_m: 20, speed_m_s: 3, clockwise: true };
+    expect(futuresOf(draftOf('orbit'), HERE)).toEqual({ orbit: circle });
+    expect(futuresOf(draftOf('orbit', {}, { clockwise: false, nose: 'tangent' }), HERE)).toEqual({ orbit: { ...circle, clockwise: false, yaw: 'tangent' } });
+    for (const kind of ['heading', 'speed', 'home', 'follow'] as const) expect(futuresOf(draftOf(kind), HERE), kind).toBeNull();
   });
 });
 

@@ -294,6 +294,10 @@ export function confirmationTexts(draft: Draft, facts: VehicleFacts, limits: Lim
 export function futuresOf(draft: Draft, { lat_deg, lon_deg }: GeoPosition): FuturesBody | null {
   const alt_home_m = number(draft, 'alt_home_m');
   if (draft.kind === 'altitude') return { altitude: { alt_home_m } };
+  if (draft.kind === 'orbit') {
+    const circle = { lat_deg, lon_deg, alt_home_m, radius_m: number(draft, 'radius_m'), speed_m_s: number(draft, 'speed_m_s') };
+    return { orbit: { ...circle, clockwise: draft.clockwise, ...(draft.nose === 'vehicle' ? {} : { yaw: draft.nose }) } };
+  }
   if (draft.kind !== 'go') return null;
   const [speed_m_s, yaw_ned_deg] = [numberOf(draft, 'speed_m_s'), numberOf(draft, 'yaw_ned_deg')];
   return { goto: { lat_deg, lon_deg, alt_home_m, ...(speed_m_s === null ? {} : { speed_m_s }), ...(yaw_ned_deg === null ? {} : { yaw_ned_deg }) } };
