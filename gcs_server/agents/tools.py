@@ -186,8 +186,19 @@ def _inlined(schema: Any, schemas: Mapping[str, Any], within: tuple[str, ...] = 
             return {"type": "object"}
         rest = {k: v for k, v in schema.items() if k != "$ref"}  # type: ignore[reportUnknownVariableType]
         return {**_inlined(schemas[name], schemas, (*within, name)), **rest}
-    kept = {k: v for k, v in schema.items() if k not in ("title", "discriminator")}  # type: ignore[reportUnknownVariableType]
-    return {k: _inlined(v, schemas, within) for k, v in kept.items()}
+    shown = {
+        key: _inlined(value, schemas, within)
+        for key, value in schema.items()  # type: ignore[reportUnknownVariableType]
+        if key not in ("title", "discriminator", "examples", "properties")
+    }
+    properties: object = schema.get("properties")  # type: ignore[reportUnknownVariableType]
+    if isinstance(properties, dict):
+        shown["properties"] = {
+            name: _inlined(value, schemas, within)
+            for name, value in properties.items()  # type: ignore[reportUnknownVariableType]
+            if name not in FOR_PERSONS
+        }
+    return shown
 
 
 def _short(name: str, schema: dict[str, Any]) -> dict[str, Any]:

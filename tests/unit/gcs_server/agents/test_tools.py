@@ -61,7 +61,9 @@ def test_the_tools_are_those_of_the_table(tools):
 
 def test_no_tool_has_an_argument_by_which_a_person_accepts_a_danger(tools):
     for tool in tools.values():
-        assert not FOR_PERSONS & tool.schema["properties"].keys(), tool.name
+        assert not {f'"{name}": {{' for name in FOR_PERSONS if f'"{name}": {{' in json.dumps(tool.schema)}, (
+            tool.name
+        )
 
 
 def test_tools_are_short_for_a_model_and_complete(tools):
