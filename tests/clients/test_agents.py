@@ -81,6 +81,6 @@ def test_a_recorded_vehicle_is_not_flown(helper: tuple[OutsideAgent, SyncGcs]) -
     agent, gcs = helper
     (recording, *_) = gcs.request("GET", "/recordings")["recordings"]
     gcs.request("POST", "/replays", {"recording": recording["name"]})
-    wait_until(lambda: len(agent.call("read_vehicles")) == 2, "the vehicle of the recording")
+    wait_until(lambda: len(gcs.request("GET", "/vehicles")) == 2, "the vehicle of the recording")
     (replayed,) = [each["id"] for each in agent.call("read_vehicles") if each["identity"]["replayed"]]
     assert "It is a recording" in agent.call("takeoff", vehicle=replayed, alt_home_m=5)["why"]
