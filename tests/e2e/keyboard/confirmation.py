@@ -55,7 +55,7 @@ HOLD_KEY_OUTSIDE = """
 def refuse_commands(page: Page) -> list[str]:
     """Blocks all commands of the page from now on, and returns the list that records the blocked commands."""
     commands: list[str] = []
-    harmless_requests = re.compile("/scene/|/readiness/check|/params/refresh|/plans/check")
+    harmless_requests = re.compile("/scene/|/readiness/check|/params/refresh|/plans/check|/futures")
 
     def refuse(route: Route) -> None:
         if route.request.method == "GET" or harmless_requests.search(route.request.url):
