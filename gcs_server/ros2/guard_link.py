@@ -274,16 +274,22 @@ class _Run:
 
     def open(self) -> None:
         """Opens both ends. Raises DdsUnavailable."""
-        self._ends = self._link.open_relay(self._link.address, replace(self._vehicle, formats=()))
+        ends = self._link.open_relay(self._link.address, replace(self._vehicle, formats=()))
+        self._open_outputs(*ends)  # with the topic of answers, before the first command can come
+        self._ends = ends
+
+    def _open_outputs(self, programs: RelayPort, vehicle: RelayPort) -> None:
+        """Offers the vehicle's topics that were added."""
+        while not self._to_programs.empty():
+            each = self._to_programs.get()
+            programs.write(each)
+            vehicle.read(each, DEPTHS.get(each.topic, 1))
 
     def pass_telemetry(self, timeout_s: float) -> None:
         """Passes the vehicle's messages to the programs; waits for the first one, at most for the timeout."""
         assert self._ends is not None
         programs, vehicle = self._ends
-        while not self._to_programs.empty():
-            each = self._to_programs.get()
-            programs.write(each)
-            vehicle.read(each, DEPTHS.get(each.topic, 1))
+        self._open_outputs(programs, vehicle)
         for topic, _, data in vehicle.wait(timeout_s):
             if topic == LOCAL_POSITION:
                 self._position = data

@@ -23,7 +23,30 @@ LOCAL_NED, BODY_NED = 1, 8
 POSITION_MASK, VELOCITY_MASK = 0b110111111000, 0b110111000111
 
 
-class GuardedProgram:
+class Streaming:
+    """A program that sends again and again, until it hangs."""
+
+    _stream: asyncio.Task[None] | None = None
+
+    def stream(self, send: Callable[[], None], rate_hz: float = 20.0) -> None:
+        """Sends the same setpoint again and again, until `hang`."""
+        self.hang()
+
+        async def run() -> None:
+            while True:
+                send()
+                await asyncio.sleep(1.0 / rate_hz)
+
+        self._stream = asyncio.get_running_loop().create_task(run())
+
+    def hang(self) -> None:
+        """Stops sending, as a program that hangs or was killed."""
+        if self._stream is not None:
+            self._stream.cancel()
+            self._stream = None
+
+
+class GuardedProgram(Streaming):
     """A program with its own ids, connected to a guarded link."""
 
     def __init__(self, link: MemoryLink, peer: str = "program", ids: tuple[int, int] = (245, 190)) -> None:
@@ -33,7 +56,6 @@ class GuardedProgram:
         self.parser = sim.MAVLink(None)
         self.received: list[Any] = []
         self.target_system = 1
-        self._stream: asyncio.Task[None] | None = None
         link.programs[peer] = self  # type: ignore[attr-defined]
 
     def send(self, message: Any) -> None:
@@ -66,23 +88,6 @@ class GuardedProgram:
 
     def set_mode(self, custom_mode: int) -> None:
         self.command(sim.MAV_CMD_DO_SET_MODE, 1, custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF)
-
-    def stream(self, send: Callable[[], None], rate_hz: float = 20.0) -> None:
-        """Sends the same setpoint again and again, until `hang`."""
-        self.hang()
-
-        async def run() -> None:
-            while True:
-                send()
-                await asyncio.sleep(1.0 / rate_hz)
-
-        self._stream = asyncio.get_running_loop().create_task(run())
-
-    def hang(self) -> None:
-        """Stops sending, as a program that hangs or was killed."""
-        if self._stream is not None:
-            self._stream.cancel()
-            self._stream = None
 
     async def fly_offboard(self) -> None:
         """Streams a position, and asks for Offboard."""

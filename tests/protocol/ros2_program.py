@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,6 +15,7 @@ from gcs_server.ros2 import guard_link
 from gcs_server.ros2.guard_link import Ros2GuardLink
 from gcs_server.ros2.message_types import MESSAGES
 from tests.protocol.api_calls import new_station
+from tests.protocol.guard_program import Streaming
 from tests.protocol.ros2_testbed import Ros2Testbed, VehicleTopics
 from tests.protocol.simulated_testbed import TICK_S
 from vehicle_sim.px4_version import Px4Version
@@ -73,14 +73,13 @@ class VehicleEnd(MemoryEnd):
         self.topics.send(topic, data)
 
 
-class Ros2Program:
+class Ros2Program(Streaming):
     """A program; it knows the vehicle's own layouts, as one that was built for its version of PX4."""
 
     def __init__(self, end: MemoryEnd, px4: Px4Version, name: str = "node") -> None:
         self._end, self._name = end, name
         topics = topics_of(px4)
         self._types = {each.base: each.message for each in (*topics.inputs, *topics.outputs)}
-        self._stream: asyncio.Task[None] | None = None
         end.there.add(name)
 
     def publish(self, topic: str, **fields: Any) -> None:
@@ -116,23 +115,6 @@ class Ros2Program:
             TRAJECTORY, position=position, velocity=velocity, acceleration=NAN3, jerk=NAN3, yaw=math.nan,
             yawspeed=math.nan,
         )  # fmt: skip
-
-    def stream(self, send: Callable[[], None], rate_hz: float = 10.0) -> None:
-        """Calls a function again and again, until `hang`."""
-        self.hang()
-
-        async def run() -> None:
-            while True:
-                send()
-                await asyncio.sleep(1.0 / rate_hz)
-
-        self._stream = asyncio.get_running_loop().create_task(run())
-
-    def hang(self) -> None:
-        """Stops sending, as a program that hangs."""
-        if self._stream is not None:
-            self._stream.cancel()
-            self._stream = None
 
 
 async def ros2_scene(

@@ -73,7 +73,7 @@ def test_the_program_of_px4s_guide_flies_through_a_guard(
         guard = view_of(scene)
         assert guard.flying
         assert guard.problem is None
-        assert guard.programs[0].setpoint_rate_hz == pytest.approx(10.0, rel=0.1)
+        assert guard.programs[0].setpoint_rate_hz == pytest.approx(20.0, rel=0.1)
         assert ("Program on guard", "offboard/start", "1", "ok") in journal_entries(scene.station)
         program.hang()
         program.command(LAND)
